@@ -15,7 +15,7 @@ from unittest import mock
 
 from bodies import block
 
-import hpcinv.parallel.runtime  # its import order first
+import hpcinv.base.parallel.runtime  # its import order first
 
 # isort: split
 import basix.ufl
@@ -26,14 +26,14 @@ from dolfinx import fem
 from petsc4py import PETSc
 from scipy import sparse
 
-import hpcinv.assembly.tangent
-from hpcinv.assembly.tangent import FormTangent
+import hpcinv.model.assembly.tangent
+from hpcinv.base.parallel.timings import SOLVER
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
+from hpcinv.model.assembly.tangent import FormTangent
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
-from hpcinv.parallel.timings import SOLVER
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.linear.factorization import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -23,12 +23,12 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.assembly.csr_tangent import FilledTangent
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.model.assembly.csr_tangent import FilledTangent
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 JOBS = Path(__file__).parents[1] / "jobs"

@@ -13,7 +13,7 @@ from bench_runs import Bench, Findings, JobData, MeasuredRun, median
 from bodies import beam, block, measure, sagging_beam
 from machine import linear, ranks
 
-from hpcinv.parallel.timings import SOLVER, WORK
+from hpcinv.base.parallel.timings import SOLVER, WORK
 
 SIZES = {"linear": [5_000, 15_000, 50_000], "ranks": [41_000, 250_000], "phases": [41_000]}
 

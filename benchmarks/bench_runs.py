@@ -19,10 +19,10 @@ from typing import Any
 
 import yaml
 
+from hpcinv.base.parallel.timings import SOLVER
+from hpcinv.base.quantity.keys import look_up
 from hpcinv.errors import OutputError, SolveError, SystemPartMissing
 from hpcinv.output.console import table_console, table_of_numbers
-from hpcinv.parallel.timings import SOLVER
-from hpcinv.quantity.keys import look_up
 
 type JobData = Mapping[str, Any]
 
@@ -187,7 +187,7 @@ def _probe() -> None:
     # isort: split
     import numpy as np
 
-    from hpcinv.parallel.runtime import MPI
+    from hpcinv.base.parallel.runtime import MPI
 
     comm = MPI.COMM_WORLD
     imported = comm.allreduce(time.perf_counter() - begun, op=MPI.MAX)

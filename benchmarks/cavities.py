@@ -28,10 +28,10 @@ from bench_runs import Findings
 from robustness import SPRINGS, VENTRICLE
 
 import hpcinv
-from hpcinv.effects.pressure import Pressure
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job, load, parse
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.physics.effects.pressure import Pressure
 from hpcinv.solver.workspace import Workspace
 
 ROOT = Path(__file__).parents[1]

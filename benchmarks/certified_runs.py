@@ -21,8 +21,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from hpcinv.certificate.check import Verdict
 from hpcinv.output.console import table_console, table_of_numbers
+from hpcinv.trust.certificate.check import Verdict
 
 MPIRUN = Path(sys.executable).parent / "mpirun"
 

@@ -3,7 +3,7 @@
 Usage: python benchmarks/contact.py
 """
 
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 
 # isort: split
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from typing import Any
 
 import hpcinv
 from hpcinv.job.job import Job
-from hpcinv.methods.direct_method import AUGMENTATION
+from hpcinv.solver.methods.direct_method import AUGMENTATION
 
 MESHES = Path(__file__).parents[1] / "meshes"
 MATERIAL = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.3}

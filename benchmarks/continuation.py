@@ -25,13 +25,13 @@ import numpy.typing as npt
 from bodies import beam, block, sphere
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
-from hpcinv.methods import DirectMethod
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import DirectMethod
 from hpcinv.solver.newton import Solve
 
 ROOT = Path(__file__).parents[1]

@@ -19,13 +19,13 @@ from typing import Any
 from assembly import CASES, fastest, model_of, say
 from bodies import block
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.csr_tangent import FilledTangent
+from hpcinv.model.assembly.csr_tangent import FilledTangent
 
 
 class COOTangent:

@@ -17,7 +17,7 @@ from assembly import model_of, say
 from bodies import block
 
 # isort: split
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 from petsc4py import PETSc

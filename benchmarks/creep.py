@@ -8,7 +8,7 @@ released by one inverse solve.
 Usage: python benchmarks/creep.py [DIRECTORY]
 """
 
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 
 # isort: split
 import subprocess
@@ -23,8 +23,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import hpcinv
+from hpcinv.base.quantity.arrays import Floats
 from hpcinv.job.job import parse
-from hpcinv.quantity.arrays import Floats
 
 ROOT = Path(__file__).parents[1]
 MU, TIMES, AGE = 80e3, np.array([1.0, 10.0]), 12.0

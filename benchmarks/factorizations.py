@@ -17,7 +17,7 @@ from typing import Any
 from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, median
 from bodies import beam, block, measure
 
-from hpcinv.parallel.timings import NESTED
+from hpcinv.base.parallel.timings import NESTED
 
 SOLVERS: Mapping[str, Mapping[str, Any]] = {
     "double": {"linear": "direct", "petsc": {"pc_precision": "double"}},

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import HpcinvError
-from hpcinv.parallel.runtime import MPI
 
 JOBS = Path(__file__).parents[1] / "jobs" / "hard"
 HEADINGS = ("case", "what makes it hard", "how it ends", "Newton iterations (factorizations)", "s")

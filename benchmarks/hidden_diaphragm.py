@@ -20,11 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 import hpcinv
-from hpcinv.identification.identification_report import describe
-from hpcinv.identification.identification_run import identify
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job, load, parse
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_report import describe
+from hpcinv.studies.identification.identification_run import identify
 
 JOB = Path(__file__).parents[1] / "jobs" / "ventricle.yaml"
 CENTRES = ((0, 0.035, -0.02), (0, 0.03, -0.045), (0, -0.035, -0.02), (0.035, 0, -0.03))  # m

@@ -20,8 +20,8 @@ from typing import Any
 from assembly import model_of, say
 
 # isort: split
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
-from hpcinv.parallel.runtime import MPI
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
+from hpcinv.base.parallel.runtime import MPI
 
 SOFT: dict[str, Any] = {"law": "neo-hookean", "young": "10 kPa"}
 INCOMPRESSIBLE: dict[str, Any] = {"law": "isochoric-neo-hookean", "mu": "3.33 kPa", "kappa": "incompressible"}

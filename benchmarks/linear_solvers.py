@@ -15,9 +15,9 @@ import numpy as np
 from bench_runs import WITHOUT_CERTIFICATE
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import parse
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 JOBS = Path(__file__).parents[1] / "jobs"
 MATERIALS: dict[str, dict[str, Any]] = {

@@ -21,9 +21,9 @@ from typing import Any
 import bench_runs
 from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData, MeasuredRun, median
 
+from hpcinv.base.files.atomic import output_errors
 from hpcinv.cli.options import positive
 from hpcinv.errors import HpcinvError, SolveError
-from hpcinv.files.atomic import output_errors
 
 type Bodies = Mapping[str, Callable[[int], JobData]]
 

@@ -16,17 +16,17 @@ from assembly import JOBS, say
 from krylov_counts import KINDS, cube
 
 # isort: split
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.certificate import CheckedRun, certify
+from hpcinv.base.parallel.memory_use import peak, resident
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.parallel.memory_use import peak, resident
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate import CheckedRun, certify
 
 SMALL = 2_000  # unknowns of the body that is measured first
 

@@ -9,10 +9,10 @@ import argparse
 import time
 from pathlib import Path
 
+from hpcinv.base.parallel.memory_use import peak, resident
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import MeshSpec
 from hpcinv.mesh import build_body
-from hpcinv.parallel.memory_use import peak, resident
-from hpcinv.parallel.runtime import MPI
 
 
 def main() -> None:

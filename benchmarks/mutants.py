@@ -307,7 +307,7 @@ class Copy:
 
 
 def folder_of(fault: Fault) -> str:
-    """Return the package of a fault, such as ``hpcinv/materials``."""
+    """Return the package of a fault, such as ``hpcinv/physics/materials``."""
     return "/".join(fault.path.parts[:2])
 
 

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import parse
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.mip_newton import ExtrapolatedStress

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import hpcinv.points.kernels as kernels
+import hpcinv.physics.points.kernels as kernels
 
 # isort: split
 import basix.ufl

@@ -23,11 +23,11 @@ import numpy as np
 import scipy.stats
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
-from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import Job, parse
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_run import identify
 
 PATH = Path(__file__).parents[1] / "jobs" / "sphere.yaml"
 PRIORS = {"material.c1": (0.5, 0.05), "material.c2": (0.1, 0.03)}  # mean and standard deviation, Pa

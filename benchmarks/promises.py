@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_bvp
 
-import hpcinv.parallel.runtime  # its import order first
+import hpcinv.base.parallel.runtime  # its import order first
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "tests"), str(ROOT / "tests" / "verification")]

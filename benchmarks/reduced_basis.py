@@ -24,16 +24,16 @@ import yaml
 from bench_runs import Findings
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.driver import run
 from hpcinv.job.job import Job, load
 from hpcinv.output.progress import Progress
 from hpcinv.output.reduced_basis import predicted_guesses
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.sweep_plan import load_sweep
-from hpcinv.sweep.training import train
+from hpcinv.studies.sweep.sweep_plan import load_sweep
+from hpcinv.studies.sweep.training import train
 
 JOB = Path(__file__).parents[1] / "jobs" / "ventricle.yaml"
 RANGES = {

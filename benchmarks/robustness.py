@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 
 import hpcinv
-from hpcinv.certificate import Verdict
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job, parse
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate import Verdict
 
 HERE = Path(__file__)
 SLAB: dict[str, Any] = {

@@ -37,7 +37,7 @@ from bench_runs import WITHOUT_CERTIFICATE, Bench, Findings, JobData
 from bodies import block, measure
 
 # isort: split
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np

@@ -26,14 +26,14 @@ from bench_runs import WITHOUT_CERTIFICATE, JobData
 from bodies import beam, block, sphere
 
 import hpcinv
-import hpcinv.parallel.timings
+import hpcinv.base.parallel.timings
+from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import SOLVER, Timings
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import build_body
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import SOLVER, Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.workspace import Workspace
 
@@ -232,7 +232,7 @@ def main() -> None:
     parser.add_argument("--jobs", nargs="*", type=Path, default=[], help="further jobs, with their direction")
     parser.add_argument("--rounds", type=int, default=1, help="least number of rounds; times are their least (1)")
     options = parser.parse_args()
-    vars(hpcinv.parallel.timings)["time"] = SimpleNamespace(perf_counter=time.process_time)
+    vars(hpcinv.base.parallel.timings)["time"] = SimpleNamespace(perf_counter=time.process_time)
     say(f"{'body':34}{'unknowns':>9}{'direct':>9}{'iterat.':>9}{'auto':>9}{'ratio':>7}{'Krylov':>8}  auto's choice")
     ratios: dict[str, list[float]] = {"fitted": [], "held out": []}
     scenes = {path.stem: placed(read_yaml(path), path) for path in options.jobs}

@@ -20,7 +20,7 @@ from math import pi, tanh
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
@@ -35,14 +35,14 @@ from bodies import block as block_of
 from dolfinx import fem
 
 import hpcinv
-from hpcinv.certificate import confirmation
-from hpcinv.certificate.inertia import inertia
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, load, parse
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate import confirmation
+from hpcinv.trust.certificate.inertia import inertia
 
 ROOT = Path(__file__).parents[1]
 NO_CERTIFICATE = "off"

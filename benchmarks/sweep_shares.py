@@ -15,16 +15,16 @@ from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.job.job import Job
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cell_count import no_report
-from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
-from hpcinv.sweep.sweep_plan import Case, load_sweep
+from hpcinv.studies.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
+from hpcinv.studies.sweep.sweep_plan import Case, load_sweep
 
 ROOT = Path(__file__).parents[1]
 COMM = MPI.COMM_WORLD

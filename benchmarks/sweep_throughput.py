@@ -20,7 +20,7 @@ from pathlib import Path
 import yaml
 
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 ROOT = Path(__file__).parents[1]
 MPIRUN = Path(sys.executable).parent / "mpirun"

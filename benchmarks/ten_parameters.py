@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import Interrupted
-from hpcinv.identification.identification_run import identify
-from hpcinv.identification.job_evaluation import Evaluation
 from hpcinv.job.job import Job, load, parse
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_run import identify
+from hpcinv.studies.identification.job_evaluation import Evaluation
 
 JOB = Path(__file__).parents[1] / "jobs" / "ventricle.yaml"
 CENTRES = ((0, 0.035, -0.02), (0, 0.03, -0.045), (0, -0.035, -0.02), (0.035, 0, -0.03), (-0.035, 0, -0.03))  # m

@@ -1,6 +1,6 @@
 """Error estimates by iterations and by a factorization in the finer spaces: seconds, and the largest error.
 
-"Operations" count the factorization; from `hpcinv.certificate.two_level.MANY` on, iterations are made.
+"Operations" count the factorization; from `hpcinv.trust.certificate.two_level.MANY` on, iterations are made.
 
 Command: python benchmarks/two_level.py [--sizes 3000 6000 12000 20000] [--bodies beam block]
 """
@@ -11,14 +11,14 @@ import argparse
 import math
 from typing import Any
 
-import hpcinv.parallel.runtime  # its import order first
+import hpcinv.base.parallel.runtime  # its import order first
 
 # isort: split
 from bodies import beam, block, sphere
 
 import hpcinv
-from hpcinv.certificate import discretisation_error as estimate
-from hpcinv.certificate import two_level
+from hpcinv.trust.certificate import discretisation_error as estimate
+from hpcinv.trust.certificate import two_level
 
 BODIES = {"beam": beam, "block": block, "sphere": sphere}
 

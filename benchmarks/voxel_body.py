@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions
+    from hpcinv.base.quantity import Divisions
 
 TETRAHEDRON = 4  # gmsh's number
 type Voxels = npt.NDArray[np.bool_]

@@ -21,25 +21,25 @@ import yaml
 
 from hpcinv import __main__ as command_line
 from hpcinv import errors
-from hpcinv.certificate import TOPICS
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.functions import CONSTANTS, FUNCTIONS
+from hpcinv.base.quantity.quantity import Quantity
+from hpcinv.base.quantity.schema import ARITHMETIC, members_of, metadata_in
+from hpcinv.base.quantity.spatial_fields import VaryingQuantity
 from hpcinv.cli.formula_guide import OPERATORS, PLACES, varying
-from hpcinv.effects import effects
 from hpcinv.job.combinations import PARTS, REFUSED
 from hpcinv.job.fibre_rules import FibreRule
 from hpcinv.job.job import Job, json_schema
-from hpcinv.materials import MaterialLaw, laws
-from hpcinv.materials.isochoric import DILATATIONS
-from hpcinv.materials.moduli import Moduli
 from hpcinv.output import run_report  # noqa: F401  (registers topics of lines)
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
-from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import ARITHMETIC, members_of, metadata_in
-from hpcinv.quantity.spatial_fields import VaryingQuantity
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import MaterialLaw, laws
+from hpcinv.physics.materials.isochoric import DILATATIONS
+from hpcinv.physics.materials.moduli import Moduli
 from hpcinv.solver.diagnosis import Diagnosis
-from hpcinv.study.study_spec import Study
-from hpcinv.sweep.sweep_spec import Sweep
+from hpcinv.studies.study.study_spec import Study
+from hpcinv.studies.sweep.sweep_spec import Sweep
+from hpcinv.trust.certificate import TOPICS
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -59,7 +59,7 @@ INTERFACE = {
     "hpcinv.job.job": ("Job",),
     "hpcinv.output.result": ("Result",),
     "hpcinv.results.solution": ("Solution",),
-    "hpcinv.sweep.sweep_interface": ("Table",),
+    "hpcinv.studies.sweep.sweep_interface": ("Table",),
 }
 
 
@@ -507,7 +507,7 @@ def _api() -> Iterator[str]:
                 member = (
                     member
                     if isinstance(member, FunctionType)
-                    else importlib.import_module("hpcinv.sweep.sweep_interface").sweep
+                    else importlib.import_module("hpcinv.studies.sweep.sweep_interface").sweep
                 )
                 yield from _signature(member, name)
                 yield from _docstring(member)

@@ -30,9 +30,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 from stress_plots import curves
 
-from hpcinv.materials import laws
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.readers import FILES
+from hpcinv.physics.materials import laws
 
 SLIDING = """\
 mesh: {file: meshes/thick_cylinder.py, parameters: {around: 12, radial: 4, along: 3, hexahedra: true}}

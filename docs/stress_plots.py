@@ -17,10 +17,10 @@ from scipy.optimize import minimize_scalar
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from hpcinv.fitting.homogeneous import MODES, Response, _constants
-from hpcinv.materials import MaterialLaw, laws
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.functions import numpy_functions
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.functions import numpy_functions
+from hpcinv.physics.materials import MaterialLaw, laws
+from hpcinv.studies.fitting.homogeneous import MODES, Response, _constants
 
 matplotlib.use("Agg")
 DIRECTORY = "_plots"

@@ -230,7 +230,7 @@ def page() -> Iterator[str]:
         shown = f"[`{Path(case.test).name}`](#{name})" if case.figures else f"`{Path(case.test).name}`"
         yield f"| {case.text} | {found} | {shown} |"
     yield ""
-    counts = json.loads((ROOT / "hpcinv" / "dossier" / "published.json").read_text())
+    counts = json.loads((ROOT / "hpcinv" / "studies" / "dossier" / "published.json").read_text())
     yield f"{counts['inside']} of {counts['values']} [values that others published](published.md)"
     yield f"in {counts['sources']} sources lie inside both error bars."
     yield ""

@@ -10,7 +10,7 @@ from hpcinv.version import __version__
 if TYPE_CHECKING:
     from hpcinv.interface import run
     from hpcinv.job.job import Job, load
-    from hpcinv.sweep.sweep_interface import sweep
+    from hpcinv.studies.sweep.sweep_interface import sweep
 
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 
@@ -21,7 +21,7 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(_HOME[name]), name)
     if name == "sweep":  # the package, which can be called
-        return importlib.import_module("hpcinv.sweep")
+        return importlib.import_module("hpcinv.studies.sweep")
     raise AttributeError(f"module 'hpcinv' has no attribute '{name}'")
 
 

@@ -1,7 +1,7 @@
 """Command line: ``python -m hpcinv run | resume | study | sweep | mesh | …``; ``--help`` lists them all."""
 
-from hpcinv.parallel.explained_output import explain_output
-from hpcinv.parallel.signals import end_if_noted, note_while_starting
+from hpcinv.base.parallel.explained_output import explain_output
+from hpcinv.base.parallel.signals import end_if_noted, note_while_starting
 
 if __name__ == "__main__":
     note_while_starting()  # before the slow imports below
@@ -13,11 +13,11 @@ import os
 import sys
 import time
 
+from hpcinv.base.parallel.early_exit import refuse_exit_without_end
+from hpcinv.base.parallel.home import require_working_directory
+from hpcinv.base.parallel.imports import imports_at_start, imports_explained, is_other_rank, is_text
+from hpcinv.base.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.errors import HpcinvError, OutOfMemory, OutputError
-from hpcinv.parallel.early_exit import refuse_exit_without_end
-from hpcinv.parallel.home import require_working_directory
-from hpcinv.parallel.imports import imports_at_start, imports_explained, is_other_rank, is_text
-from hpcinv.parallel.signals import CLOSED_OUTPUT, discard_output
 from hpcinv.version import __version__
 
 # Pydantic would search all installed packages for plugins of its own.
@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         except OutputError as error:
             print(error, file=sys.stderr)
             return error.exit_code
-        from hpcinv.files.untrusted import asked_for
+        from hpcinv.base.files.untrusted import asked_for
     if arguments is None:
         refuse_exit_without_end()
     end_if_noted()

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
-from hpcinv.certificate import Certificate, Estimate, certify_all
-from hpcinv.files.untrusted import applied_to
+from hpcinv.base.files.untrusted import applied_to
+from hpcinv.base.parallel.runtime import MPI, compilation_explained
+from hpcinv.base.parallel.signals import ended_late, signals_recorded
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import QuantityValue
 from hpcinv.job.state_differences import with_differences
-from hpcinv.methods.method import Guess, Start
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
 from hpcinv.output.reduced_basis import predicted_guesses
@@ -20,22 +21,21 @@ from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
-from hpcinv.parallel.runtime import MPI, compilation_explained
-from hpcinv.parallel.signals import ended_late, signals_recorded
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.interpreter import note_on_speed
-from hpcinv.points.kernels import notes_on_ffcx
+from hpcinv.physics.points.interpreter import note_on_speed
+from hpcinv.physics.points.kernels import notes_on_ffcx
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepControl, carry_out
 from hpcinv.results.totals import totals_of
-from hpcinv.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
-from hpcinv.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods.method import Guess, Start
 from hpcinv.solver.observer import Observers, SolvedDirection, Stopped, StopSignal
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.certificate import Certificate, Estimate, certify_all
+from hpcinv.trust.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
+from hpcinv.trust.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
 
 
 def run(

@@ -7,13 +7,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.driver import run as run_job
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, load
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.parallel.runtime import MPI, on_root
 
 
 def run(

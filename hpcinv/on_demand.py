@@ -10,11 +10,11 @@ from typing import Any
 from hpcinv.errors import SystemPartMissing
 
 FUNCTIONS = {
-    "mesh of an image": "hpcinv.mesh.imaging.image_mesh:image_mesh",
-    "mesh of surfaces": "hpcinv.mesh.imaging.image_mesh:surface_mesh",
-    "mesh of a vessel": "hpcinv.mesh.vessels.vessel_mesh:vessel_mesh",
-    "surface in a file": "hpcinv.mesh.imaging.closed_surface:read_closed",
-    "surface in an image": "hpcinv.mesh.imaging.image_surface:image_surface",
+    "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
+    "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
+    "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
+    "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
+    "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
 }
 """module and function by what they make"""
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Estimate
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import is_generator
@@ -16,14 +16,14 @@ from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
 from hpcinv.model.cavities import check_cavities
 from hpcinv.output.progress import Progress
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, is_stop_asked
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.accuracy import AccuracyRecord
+from hpcinv.trust.certificate import Estimate
 
 _FREE_CUT = "the region 'cut', where the image ends in the body, is free; hold or load it as the rest of the body does"
 
@@ -106,7 +106,7 @@ def _prepared_by_search(
     job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer
 ) -> Prepared:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
-    from hpcinv.accuracy.search import Search
+    from hpcinv.trust.accuracy.search import Search
 
     with progress.phase("searching", "for mesh and degree"):
         record, best = Search(job, workspace.comm, timings, progress.note, stop).run()

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Size
+    from hpcinv.base.quantity import Size
 
 
 def build(gmsh: Any, *, radius: Size = 1.0, size: Size = 0.3, at_pole: Size = 0.02, extent: Size = 0.1) -> None:

@@ -10,7 +10,7 @@ from math import pi
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length, Size
+    from hpcinv.base.quantity import Divisions, Length, Size
 
 
 def build(

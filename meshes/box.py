@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length
+    from hpcinv.base.quantity import Divisions, Length
 
 
 def build(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Length, Size
+    from hpcinv.base.quantity import Length, Size
 
 
 def build(gmsh: Any, *, length: Length = 0.2, width: Length = 0.14, height: Length = 0.08, size: Size = 0.016) -> None:

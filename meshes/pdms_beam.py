@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Length, Size
+    from hpcinv.base.quantity import Length, Size
 
 
 def build(gmsh: Any, *, length: Length = 0.182, diameter: Length = 0.0085, size: Size = 0.002) -> None:

@@ -10,7 +10,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length
+    from hpcinv.base.quantity import Divisions, Length
 
 TETRAHEDRON = 4  # gmsh's number
 FIVE = ((0, 5, 3, 6), (1, 3, 0, 5), (2, 0, 3, 6), (4, 6, 5, 0), (7, 5, 6, 3))  # corners x + 2 y + 4 z of a brick

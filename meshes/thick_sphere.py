@@ -11,7 +11,7 @@ from math import hypot
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length
+    from hpcinv.base.quantity import Divisions, Length
 
 # Rays from the origin, of any length: through the middle, the axes, and between each axis and the next.
 MIDDLE = (1, 1, 1)

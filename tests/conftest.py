@@ -15,7 +15,7 @@ import pytest
 from helpers.batches import IN_BATCH, Batches, RankOfBatch
 from helpers.parts import Part
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
 UNIT = ROOT / "tests" / "unit"
@@ -118,7 +118,7 @@ def ffcx_compiles() -> None:
 @pytest.fixture(autouse=True)
 def nothing_else_needs_ffcx(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail where FFCx would compile: each test of a feature shows that it needs no compiler."""
-    kernels = sys.modules.get("hpcinv.points.kernels")
+    kernels = sys.modules.get("hpcinv.physics.points.kernels")
     if kernels is None or "ffcx_compiles" in request.fixturenames:
         return
 

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from hpcinv.parallel.ranks import MPI, failing_together, on_root
+from hpcinv.base.parallel.ranks import MPI, failing_together, on_root
 
 from . import page
 from .comparison import ComparedValue, compare

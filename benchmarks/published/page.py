@@ -17,7 +17,7 @@ from .references import FOLDER, PublishedValue
 PAGE = Path("docs/verification/published.md")
 WIDENED = 5
 """Rows inside whose bar was set after they had been seen outside: they are outside with their first bars."""
-COUNTS = Path("hpcinv/dossier/published.json")
+COUNTS = Path("hpcinv/studies/dossier/published.json")
 PICTURE = Path("docs/pictures/published.png")
 VERDICTS: tuple[Verdict, ...] = ("inside", "outside", "not reliable", "failed", "skipped")
 HEADER = """<!-- Written by python -m benchmarks.published: do not edit. -->

@@ -26,7 +26,7 @@ from typing import Any
 
 import yaml
 
-from hpcinv.quantity.units import parse_unit
+from hpcinv.base.quantity.units import parse_unit
 
 FOLDER = Path(__file__).parent
 COLUMNS = (

@@ -16,12 +16,12 @@ from types import ModuleType
 from typing import Any
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.errors import HpcinvError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.quantity.keys import assigned
 
 from .references import FOLDER, PublishedValue
 

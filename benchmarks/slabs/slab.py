@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length
+    from hpcinv.base.quantity import Divisions, Length
 
 type Line = Callable[[float, float], bool]
 

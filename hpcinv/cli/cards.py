@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError, OutputError
-from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
-    from hpcinv.cards.card import Card
-    from hpcinv.materials import MaterialLaw
+    from hpcinv.formats.cards.card import Card
+    from hpcinv.physics.materials import MaterialLaw
 
 PROGRAMS = ("abaqus", "ansys", "febio")
 
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def convert(options: argparse.Namespace) -> int:
     """Carry out ``--from`` or ``--to``."""
-    from hpcinv.files.atomic import write_output
+    from hpcinv.base.files.atomic import write_output
 
     if options.name is None:
         what = "a card or a file with one" if options.source else "a job, or a file with a section material"
@@ -51,13 +51,13 @@ def convert(options: argparse.Namespace) -> int:
 
 def program_module(program: str) -> ModuleType:
     """Return the module that reads and writes cards of a program."""
-    from hpcinv.cards import abaqus, ansys, febio
+    from hpcinv.formats.cards import abaqus, ansys, febio
 
     return {"abaqus": abaqus, "ansys": ansys, "febio": febio}[program]
 
 
 def _read_card(options: argparse.Namespace) -> str:
-    from hpcinv.cards.card import CardError
+    from hpcinv.formats.cards.card import CardError
 
     module = program_module(options.source)
     place, text = _card_text(options.name)
@@ -85,10 +85,10 @@ def _card_text(argument: str) -> tuple[str, str]:
 
 def file_text(path: Path) -> str:
     """Return the text of a card's file, with the files that an input file includes; ``ValueError`` if there is none."""
-    from hpcinv.files.followed_includes import followed
-    from hpcinv.quantity.csv_rows import text_of
-    from hpcinv.reading.deck_includes import LONGEST_TEXT
-    from hpcinv.reading.fault import Fault
+    from hpcinv.base.files.followed_includes import followed
+    from hpcinv.base.quantity.csv_rows import text_of
+    from hpcinv.base.reading.deck_includes import LONGEST_TEXT
+    from hpcinv.base.reading.fault import Fault
 
     text = text_of(path, LONGEST_TEXT)
     if suffix_of(path) != ".inp" or "INPUT" not in text.upper():
@@ -102,8 +102,8 @@ def file_text(path: Path) -> str:
 
 def _unit(option: str | None, stated: str) -> str:
     """Return the unit of stress of a card, which the user or the card states."""
-    from hpcinv.cards.card import STRESS, CardError
-    from hpcinv.quantity.units import parse_unit
+    from hpcinv.base.quantity.units import parse_unit
+    from hpcinv.formats.cards.card import STRESS, CardError
 
     if option is None:
         if not stated:
@@ -124,11 +124,11 @@ def checked_sections(card: Card, unit: str) -> dict[str, Any]:
     """Return the sections of a job, after a job's checks."""
     from pydantic import ValidationError
 
-    from hpcinv.cards.card import CardError
+    from hpcinv.base.quantity.expressions import LET, Expression
+    from hpcinv.base.quantity.schema import dotted_key, problems_in
+    from hpcinv.formats.cards.card import CardError
     from hpcinv.job.definitions import resolve
-    from hpcinv.materials import laws
-    from hpcinv.quantity.expressions import LET, Expression
-    from hpcinv.quantity.schema import dotted_key, problems_in
+    from hpcinv.physics.materials import laws
 
     law = card.law
     material = law.section(unit)
@@ -156,7 +156,7 @@ def checked_sections(card: Card, unit: str) -> dict[str, Any]:
 def _as_yaml(card: Card, program: str, unit: str, sections: Mapping[str, Any]) -> str:
     import yaml
 
-    from hpcinv.files.names import escaped_line
+    from hpcinv.base.files.names import escaped_line
 
     name = f" of material {card.name}" if card.name else ""
     comments = [f"{card.title}{name} ({program}), stresses in {unit}", *card.law.notes]
@@ -168,8 +168,8 @@ def _as_yaml(card: Card, program: str, unit: str, sections: Mapping[str, Any]) -
 
 
 def _write_card(options: argparse.Namespace) -> str:
-    from hpcinv.cards.card import Values
-    from hpcinv.quantity.units import as_float, parse_unit
+    from hpcinv.base.quantity.units import as_float, parse_unit
+    from hpcinv.formats.cards.card import Values
 
     if options.stress_unit is None:
         raise JobError("hpcinv laws --to: give the unit of stress of the card, such as --stress-unit MPa")
@@ -194,11 +194,11 @@ def _laws(path: Path) -> dict[str, MaterialLaw]:
     """Return the laws in the section ``material`` of a file by region; one for the whole body has the file's name."""
     from pydantic import TypeAdapter, ValidationError
 
+    from hpcinv.base.quantity.expressions import LET, Expression
+    from hpcinv.base.quantity.schema import dotted_key, problems_in
     from hpcinv.job.definitions import resolve
     from hpcinv.job.yaml_reader import read_yaml
-    from hpcinv.materials import Material, MaterialLaw
-    from hpcinv.quantity.expressions import LET, Expression
-    from hpcinv.quantity.schema import dotted_key, problems_in
+    from hpcinv.physics.materials import Material, MaterialLaw
 
     data = read_yaml(path)
     if "material" not in data:

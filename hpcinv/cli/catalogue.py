@@ -10,16 +10,16 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from rich.table import Table
 
+from hpcinv.base.quantity.component import Ingredient, Refers
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.quantity import Quantity
+from hpcinv.base.quantity.schema import metadata_in
+from hpcinv.base.quantity.spatial_fields import VaryingQuantity
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.errors import JobError
-from hpcinv.materials.material_law import MaterialLaw
-from hpcinv.materials.moduli import Moduli
 from hpcinv.output.console import Console
-from hpcinv.quantity.component import Ingredient, Refers
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import metadata_in
-from hpcinv.quantity.spatial_fields import VaryingQuantity
-from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.physics.materials.material_law import MaterialLaw
+from hpcinv.physics.materials.moduli import Moduli
 
 
 def overview(members: Mapping[str, type[Ingredient]]) -> None:

@@ -8,12 +8,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.units import readable
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process, length_unit
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import write_output
-from hpcinv.files.untrusted import add_option
-from hpcinv.quantity.units import readable
 
 if TYPE_CHECKING:
     import pyvista
@@ -73,8 +73,8 @@ def _compare(options: argparse.Namespace) -> int:
     if options.to is not None and options.to.suffix != ".vtp":
         raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
     check_one_process("compare")
+    from hpcinv.geometry.workshop.comparison import surface_in
     from hpcinv.results.surface_comparison import compare
-    from hpcinv.workshop.comparison import surface_in
 
     first, second = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
     align = None

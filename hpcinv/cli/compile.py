@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.keys import parse_key
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError, Interrupted
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.fingerprint import NOT_PHYSICS
 from hpcinv.job.job import Job, load
 from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.reuse_key import kernel_key
-from hpcinv.quantity.keys import parse_key
-from hpcinv.study.study_plan import load_study
-from hpcinv.sweep.sweep_plan import Case, load_sweep
+from hpcinv.studies.study.study_plan import load_study
+from hpcinv.studies.sweep.sweep_plan import Case, load_sweep
 
 
 def add_compile(commands: Any) -> None:
@@ -41,12 +41,12 @@ def _compile(options: argparse.Namespace) -> int:
     if options.cache is not None:
         os.environ["HPCINV_KERNELS"] = str(options.cache)
 
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(None) as (comm, stop):
+        from hpcinv.base.parallel.jit import DIRECTORY
+        from hpcinv.base.parallel.runtime import MPI, agree, compilation_explained, on_root
         from hpcinv.cli.rehearsal import rehearse
-        from hpcinv.parallel.jit import DIRECTORY
-        from hpcinv.parallel.runtime import MPI, agree, compilation_explained, on_root
 
         jobs = on_root(comm, lambda: list(_distinct(options.jobs)))
         ready_before = _ready(DIRECTORY)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.reading.door import admitted
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process
 from hpcinv.errors import OutputError
-from hpcinv.files.untrusted import add_option
-from hpcinv.reading.door import admitted
 
 
 def add_dossier(commands: Any) -> None:
@@ -31,11 +31,11 @@ def add_dossier(commands: Any) -> None:
 
 
 def _dossier(options: argparse.Namespace) -> int:
-    from hpcinv.dossier.content import NAME, dossier_page, properties
-    from hpcinv.dossier.context import DossierContext, read_context, template
-    from hpcinv.files.atomic import write_output
+    from hpcinv.base.files.atomic import write_output
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.reports.page import write_page
+    from hpcinv.pages.reports.page import write_page
+    from hpcinv.studies.dossier.content import NAME, dossier_page, properties
+    from hpcinv.studies.dossier.context import DossierContext, read_context, template
 
     check_one_process("dossier")
     directory, figures = _run_of(options.run)
@@ -59,7 +59,7 @@ def _dossier(options: argparse.Namespace) -> int:
 
 def _run_of(directory: Path) -> tuple[Path, Mapping[str, Any] | None]:
     """Return the directory of a run, and the figures of the identification whose estimate it is, if there are any."""
-    from hpcinv.identification.identification_page import FIGURES
+    from hpcinv.studies.identification.identification_page import FIGURES
 
     source = directory / FIGURES
     if not source.is_file():

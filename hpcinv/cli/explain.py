@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import load
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ def add_explain(commands: Any) -> None:
 
 
 def _explain(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.ranks import failing_together
-    from hpcinv.parallel.runtime import MPI, compilation_explained, on_root
+    from hpcinv.base.parallel.ranks import failing_together
+    from hpcinv.base.parallel.runtime import MPI, compilation_explained, on_root
 
     comm = MPI.COMM_WORLD
     with failing_together(comm):

@@ -9,18 +9,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.units import readable
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process, length, length_unit
 from hpcinv.errors import OutputError
-from hpcinv.files.untrusted import add_option
 from hpcinv.formats import MESHES
-from hpcinv.quantity.units import readable
-from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
+    from hpcinv.geometry.workshop.mould import Split
+    from hpcinv.geometry.workshop.solid import Solid
     from hpcinv.mesh.source import MeshSource
-    from hpcinv.workshop.mould import Split
-    from hpcinv.workshop.solid import Solid
 
 
 def add_export(commands: Any) -> None:
@@ -89,10 +89,10 @@ def _export(options: argparse.Namespace) -> int:
     if suffix_of(options.to) == ".pts":
         return _export_opencarp(options)
 
-    from hpcinv.workshop.formats import check, write
-    from hpcinv.workshop.mould import Mould, Split, mould
-    from hpcinv.workshop.run_shapes import read_shape
-    from hpcinv.workshop.solid import region_cells, solid_of, volume_of
+    from hpcinv.geometry.workshop.formats import check, write
+    from hpcinv.geometry.workshop.mould import Mould, Split, mould
+    from hpcinv.geometry.workshop.run_shapes import read_shape
+    from hpcinv.geometry.workshop.solid import region_cells, solid_of, volume_of
 
     split = None if plane is None else Split(*plane)
     halves = _halves(options.mould, split)
@@ -122,9 +122,9 @@ def _export(options: argparse.Namespace) -> int:
 
 def _export_cells(options: argparse.Namespace, unit: float) -> int:
     """Write the cells as a mesh."""
-    from hpcinv.workshop.cell_mesh import write_cells
-    from hpcinv.workshop.run_shapes import read_shape
-    from hpcinv.workshop.solid import region_cells, volume_of
+    from hpcinv.geometry.workshop.cell_mesh import write_cells
+    from hpcinv.geometry.workshop.run_shapes import read_shape
+    from hpcinv.geometry.workshop.solid import region_cells, volume_of
 
     _refuse_options_of_surfaces(options)
     if not options.to.parent.is_dir():
@@ -144,9 +144,9 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
 
 def _export_opencarp(options: argparse.Namespace) -> int:
     """Write the cells as the three files of openCARP, in µm."""
-    from hpcinv.workshop.opencarp import write_opencarp
-    from hpcinv.workshop.run_shapes import read_shape
-    from hpcinv.workshop.solid import region_cells, volume_of
+    from hpcinv.geometry.workshop.opencarp import write_opencarp
+    from hpcinv.geometry.workshop.run_shapes import read_shape
+    from hpcinv.geometry.workshop.solid import region_cells, volume_of
 
     _refuse_options_of_surfaces(options)
     source = read_shape(options.run, options.shape)
@@ -171,7 +171,7 @@ def _refuse_options_of_surfaces(options: argparse.Namespace) -> None:
 
 def _warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:
     """Print what a run has not checked, and how far its file is from the body that it computed."""
-    from hpcinv.workshop.run_shapes import left_out, unchecked
+    from hpcinv.geometry.workshop.run_shapes import left_out, unchecked
 
     if text := unchecked(options.run):
         print(f"warning: {options.to}: {text}", file=sys.stderr)
@@ -193,9 +193,9 @@ def _refit_distance(options: argparse.Namespace) -> float | None:
 
 def _write_refitted(options: argparse.Namespace, source: MeshSource, distance: float, volume: float) -> bool:
     """Write the refitted faces of the job's CAD file; warn and return False if that is not possible."""
-    from hpcinv.files.atomic import write_output
-    from hpcinv.workshop.cad_refit import NotRefitted, movement, refit
-    from hpcinv.workshop.run_shapes import read_cad
+    from hpcinv.base.files.atomic import write_output
+    from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
+    from hpcinv.geometry.workshop.run_shapes import read_cad
 
     path, spec, given = read_cad(options.run)
     try:
@@ -221,7 +221,7 @@ def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None
     """Print what keeps the part from coming out of its mould."""
     if options.mould is None:
         return
-    from hpcinv.workshop.mould import UNDERCUT, undercut
+    from hpcinv.geometry.workshop.mould import UNDERCUT, undercut
 
     if split is None:
         print(f"warning: {options.mould}: the cavity is closed all around; --split opens the mould", file=sys.stderr)
@@ -232,7 +232,7 @@ def _warn(options: argparse.Namespace, part: Solid, split: Split | None) -> None
 
 def _warn_of_pieces(halves: Mapping[Path, Solid], cores: Sequence[Path]) -> None:
     """Print how cores are used, and which halves have pieces that hold nowhere."""
-    from hpcinv.workshop.mould import loose_pieces
+    from hpcinv.geometry.workshop.mould import loose_pieces
 
     if cores:
         which = "is the core of a closed chamber" if len(cores) == 1 else "are the cores of closed chambers"

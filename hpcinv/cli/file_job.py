@@ -10,11 +10,11 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.files.names import escaped_line
+from hpcinv.base.files.names import escaped_line
 
 if TYPE_CHECKING:
-    from hpcinv.cards.card import Card
-    from hpcinv.cards.deck import Deck, NodalForces, RigidRegion
+    from hpcinv.formats.cards.card import Card
+    from hpcinv.formats.cards.deck import Deck, NodalForces, RigidRegion
     from hpcinv.mesh.source import Floats, Group, MeshSource
 
 _MOST_VERTICES = 200
@@ -131,7 +131,7 @@ class FileJob:
 
     def _dead_pressure(self, entry: Mapping[str, Any], placed: dict[str, Any]) -> dict[str, Any] | None:
         """Return the traction that a pressure on the undeformed surface is if that is flat; else ``None``."""
-        from hpcinv.cards.deck import Measure
+        from hpcinv.formats.cards.deck import Measure
         from hpcinv.mesh.facet_area import flat_normal
 
         rows = [g.members for g in self._source.groups if g.name == placed["region"] and g.dim == 2]
@@ -261,7 +261,7 @@ class FileJob:
         """Yield the uniform traction that has the resultant of forces at nodes."""
         import numpy as np
 
-        from hpcinv.cards.deck import Measure
+        from hpcinv.formats.cards.deck import Measure
         from hpcinv.mesh.facet_area import area_and_centre
 
         tags = [tag for tag in nodal.forces if tag in self._row]
@@ -297,7 +297,7 @@ class FileJob:
         return [cell for group in groups for cell in group.members.tolist()]
 
     def _with_units(self, value: Any) -> Any:
-        from hpcinv.cards.deck import Measure
+        from hpcinv.formats.cards.deck import Measure
 
         match value:
             case Measure(length=1, stress=0):
@@ -305,13 +305,13 @@ class FileJob:
             case Measure(length=0, stress=1):
                 return f"{value.value:.15g} {self._options.stress_unit}"
             case Measure(stress=1, time=0):  # a force or a moment
-                from hpcinv.quantity.units import as_float, parse_unit
+                from hpcinv.base.quantity.units import as_float, parse_unit
 
                 sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
                 unit = "N" if value.length == 2 else "N m"
                 return f"{value.value * sizes[0] ** value.length * sizes[1]:.15g} {unit}"
             case Measure():  # with seconds: a density is a stress by the square of a velocity
-                from hpcinv.quantity.units import as_float, parse_unit
+                from hpcinv.base.quantity.units import as_float, parse_unit
 
                 sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
                 return f"{value.value * sizes[0] ** value.length * sizes[1] ** value.stress:.15g} kg/m^3"
@@ -323,7 +323,7 @@ class FileJob:
 
     def _materials(self) -> dict[str, Any]:
         """Return the sections of the materials, by region if there are several."""
-        from hpcinv.cards.merged_sections import merged
+        from hpcinv.formats.cards.merged_sections import merged
 
         materials = self._deck.materials or {"": ""}
         sections = {name: self._material(material, name) for name, material in materials.items()}
@@ -342,8 +342,8 @@ class FileJob:
 
     def _material(self, name: str, region: str) -> dict[str, Any]:
         """Return the sections of the material of a set; a linear isotropic one is neo-Hooke with the same moduli."""
-        from hpcinv.cards.card import Card, CardError
         from hpcinv.cli.cards import checked_sections, program_module
+        from hpcinv.formats.cards.card import Card, CardError
 
         linear = self._deck.linear.get(name) or (next(iter(self._deck.linear.values()), None) if not name else None)
         try:
@@ -361,9 +361,9 @@ class FileJob:
 
     def _with_axes(self, card: Card, region: str) -> Card:
         """Return a card whose fibres have the directions of the axes of a set."""
-        from hpcinv.cards.card import CardError
-        from hpcinv.cards.deck import Axes
-        from hpcinv.cards.orthotropic import FAMILIES
+        from hpcinv.formats.cards.card import CardError
+        from hpcinv.formats.cards.deck import Axes
+        from hpcinv.formats.cards.orthotropic import FAMILIES
 
         fibres = card.law.fibres
         if None not in fibres.values():

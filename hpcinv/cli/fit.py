@@ -9,15 +9,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import positive
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.untrusted import add_option
 
 if TYPE_CHECKING:
-    from hpcinv.fitting.candidate import Candidate
-    from hpcinv.fitting.fit_report import CheckedFit
-    from hpcinv.fitting.measurements import FileOptions, Test
+    from hpcinv.studies.fitting.candidate import Candidate
+    from hpcinv.studies.fitting.fit_report import CheckedFit
+    from hpcinv.studies.fitting.measurements import FileOptions, Test
 
 _EXAMPLES = """hpcinv fit uniaxial.csv planar.csv --law mooney-rivlin --plot fit.png
 hpcinv fit tests.csv --law mooney-rivlin --law yeoh --law ogden:2 --output fit.json --material material.yaml
@@ -77,9 +77,9 @@ def add_fit(commands: Any) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    from hpcinv.fitting.fit_plot import check_format, plot
-    from hpcinv.fitting.fit_report import CheckedFit, describe
-    from hpcinv.fitting.least_squares import FitError, fit
+    from hpcinv.studies.fitting.fit_plot import check_format, plot
+    from hpcinv.studies.fitting.fit_report import CheckedFit, describe
+    from hpcinv.studies.fitting.least_squares import FitError, fit
 
     if options.plot is not None:
         check_format(options.plot)
@@ -120,8 +120,8 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def _candidates(options: argparse.Namespace, fixed: dict[str, str]) -> list[Candidate]:
-    from hpcinv.fitting.candidate import candidate
-    from hpcinv.materials import laws
+    from hpcinv.physics.materials import laws
+    from hpcinv.studies.fitting.candidate import candidate
 
     named = [text for text in dict.fromkeys(options.law) if text != "all"]
     candidates = [candidate(text, fixed, compressible=options.compressible) for text in named]
@@ -143,7 +143,7 @@ def _fixed(texts: list[str]) -> dict[str, str]:
 
 
 def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
-    from hpcinv.quantity.suggestions import did_you_mean
+    from hpcinv.base.quantity.suggestions import did_you_mean
 
     known = [name for c in candidates for name in (*type(c.law).model_fields, *c.data.get("parameters", ()))]
     for name in fixed:
@@ -152,7 +152,7 @@ def _check_fixed(fixed: dict[str, str], candidates: list[Candidate]) -> None:
 
 
 def _tests(options: argparse.Namespace) -> list[Test]:
-    from hpcinv.fitting.measurements import mode_named, read_file, set_deviations
+    from hpcinv.studies.fitting.measurements import mode_named, read_file, set_deviations
 
     if options.mode is not None:
         try:
@@ -180,8 +180,8 @@ def _tests(options: argparse.Namespace) -> list[Test]:
 
 
 def _test_options(options: argparse.Namespace) -> FileOptions:
-    from hpcinv.fitting.measurements import FileOptions
-    from hpcinv.quantity.quantity import Quantity
+    from hpcinv.base.quantity.quantity import Quantity
+    from hpcinv.studies.fitting.measurements import FileOptions
 
     sizes = {}
     for name, unit in (("area", "m^2"), ("length", "m")):
@@ -209,8 +209,8 @@ def _test_options(options: argparse.Namespace) -> FileOptions:
 def _show_ranking(outcomes: list[CheckedFit]) -> None:
     from rich.table import Table
 
-    from hpcinv.fitting.fit_report import ranking
     from hpcinv.output.console import table_console
+    from hpcinv.studies.fitting.fit_report import ranking
 
     scatter = "residual / its sd" if outcomes[0].fit.deviations_known else "residual"
     table = Table(
@@ -227,8 +227,8 @@ def _show_ranking(outcomes: list[CheckedFit]) -> None:
 def _write(options: argparse.Namespace, outcomes: list[CheckedFit], best: CheckedFit) -> None:
     import yaml
 
-    from hpcinv.files.atomic import write_output
-    from hpcinv.files.json_data import json_data
+    from hpcinv.base.files.atomic import write_output
+    from hpcinv.base.files.json_data import json_data
 
     if options.material is not None:
         write_output(options.material, best.as_yaml().encode())

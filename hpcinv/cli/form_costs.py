@@ -14,20 +14,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.assembly.tangent import tangent_of
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.tangent import tangent_of
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement

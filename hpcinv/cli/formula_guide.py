@@ -5,16 +5,16 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
-from hpcinv.effects import effects
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.functions import CONSTANTS, FUNCTIONS
+from hpcinv.base.quantity.schema import metadata_in
+from hpcinv.base.quantity.spatial_fields import POSITIONS, VaryingQuantity
 from hpcinv.job.sections import COORDINATES, FIELDS, REGION_NAMES
 from hpcinv.job.sections import POSITIONS as OF_QUANTITIES
-from hpcinv.materials import laws
-from hpcinv.materials.formula_law.invariants import ISOTROPIC
 from hpcinv.output.console import Console
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
-from hpcinv.quantity.schema import metadata_in
-from hpcinv.quantity.spatial_fields import POSITIONS, VaryingQuantity
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
+from hpcinv.physics.materials.formula_law.invariants import ISOTROPIC
 
 OPERATORS = "+ - * / ** (or ^), and in conditions < <= > >= and or not"
 

@@ -17,7 +17,7 @@ class CommandParser(argparse.ArgumentParser):
         return options, []
 
     def _hints(self, unknown: Sequence[str]) -> Iterator[str]:
-        from hpcinv.quantity.suggestions import did_you_mean
+        from hpcinv.base.quantity.suggestions import did_you_mean
 
         names = [option[2:] for option in self._option_string_actions if option.startswith("--")]
         for argument in unknown:

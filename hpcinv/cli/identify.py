@@ -7,15 +7,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks
 from hpcinv.errors import JobError
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 
 if TYPE_CHECKING:
-    from hpcinv.identification.job_evaluation import Evaluation
     from hpcinv.mesh.source import Floats
+    from hpcinv.studies.identification.job_evaluation import Evaluation
 
 
 _FEWEST = 10  # samples of a posterior: with fewer its quantiles say nothing
@@ -57,12 +57,12 @@ def add_identify(commands: Any) -> None:
 def _identify(options: argparse.Namespace) -> int:
     if options.posterior < 0 or 0 < options.posterior < _FEWEST:
         raise JobError(f"--posterior {options.posterior}: is too few: {_FEWEST} or more, or 0 for none")
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.identification.identification_report import describe, value_text, warnings
-        from hpcinv.identification.identification_run import identify
-        from hpcinv.parallel.runtime import on_root
+        from hpcinv.base.parallel.runtime import on_root
+        from hpcinv.studies.identification.identification_report import describe, value_text, warnings
+        from hpcinv.studies.identification.identification_run import identify
 
         job = on_root(comm, lambda: _read(options.job))
         directory = options.output or Path("results") / f"{job.job}-identified"

@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.component import Ingredient
 from hpcinv.cli.cards import add_options, convert
 from hpcinv.cli.help import add_command
-from hpcinv.files.untrusted import add_option
-from hpcinv.quantity.component import Ingredient
 
 _CARDS = """
 hpcinv laws --from abaqus "*HYPERELASTIC, MOONEY-RIVLIN\\n0.1, 0.15, 0.001" --stress-unit MPa
@@ -46,8 +46,8 @@ def add_laws(commands: Any) -> None:
 
 def _catalogue(options: argparse.Namespace) -> int:
     from hpcinv.cli.catalogue import describe, overview
-    from hpcinv.effects import effects
-    from hpcinv.materials import laws
+    from hpcinv.physics.effects import effects
+    from hpcinv.physics.materials import laws
 
     if options.catalogue == "laws" and (options.source or options.target):
         return convert(options)

@@ -8,18 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.units import length_symbol
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, check_one_process, length_unit, mesh_spec
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.untrusted import add_option
 from hpcinv.formats.partitioned_header import SUFFIX
 from hpcinv.job.job import load
 from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text
-from hpcinv.quantity.units import length_symbol
-from hpcinv.reading.suffix import suffix_of
 
 _OUTPUT = "mesh to write or replace (.msh, .vtu)"
 
@@ -174,7 +174,7 @@ def _what_to_give(options: argparse.Namespace, missing: list[str]) -> str:
     """Message on arguments that are not there, with the labels of the image among which to choose."""
     _check_ending(options.input, IMAGES, "image")
     check_one_process("mesh")
-    from hpcinv.mesh.imaging.label_image import labels_in
+    from hpcinv.geometry.imaging.label_image import labels_in
 
     labels = labels_in(options.input, length_unit(options.unit or "mm"))
     first = labels.partition(" ")[0]
@@ -232,11 +232,11 @@ def _partition(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.output}: a partitioned mesh ends in {SUFFIX}", f"Name it *{SUFFIX}.")
     spec, path = _asked_for(options)
     check_one_process("mesh")
+    from hpcinv.base.parallel.runtime import MPI
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
     from hpcinv.mesh.distributed.partitioned import write_partitioned
     from hpcinv.mesh.distributed.parts import partitioned
-    from hpcinv.parallel.runtime import MPI
 
     began = time.perf_counter()
     source = read_source(spec, path, lambda text: print(f"meshing {path}: {text}", flush=True))

@@ -7,12 +7,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from hpcinv.base.quantity.schema import job_error
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.quantity.units import LENGTH_UNITS, parse_quantity
+from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.job.sections import LENGTH, MeshSpec
-from hpcinv.quantity.schema import job_error
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import LENGTH_UNITS, parse_quantity
-from hpcinv.reading.door import is_asked
 
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""
@@ -43,7 +43,7 @@ def image_spec(path: Path, unit: str | None) -> MeshSpec:
         MeshError: the image cannot be read, or has no labels.
         JobError: its labels cannot be regions.
     """
-    from hpcinv.mesh.imaging.image_files import read_voxels
+    from hpcinv.geometry.imaging.image_files import read_voxels
 
     grid = read_voxels(path)
     names = {number: re.sub(r"[^\w-]", "-", name) for name, number in grid.names.items()}
@@ -84,7 +84,7 @@ def length(option: str, text: str, *, positive: bool = True) -> float:
 
 def check_one_process(command: str) -> None:
     """Raise ``OutputError`` if a command was started with several ranks."""
-    from hpcinv.parallel.ranks import MPI
+    from hpcinv.base.parallel.ranks import MPI
 
     if MPI.COMM_WORLD.size > 1:
         raise OutputError(f"'hpcinv {command}' works on one process", "Start it without mpirun, or with 'mpirun -n 1'.")

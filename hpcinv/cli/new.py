@@ -12,20 +12,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.atomic import output_errors, replace, write_output
+from hpcinv.base.files.names import escaped_line, yaml_text
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.quantity import positive
+from hpcinv.base.quantity.schema import NAME_OF_FILE
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh import label_of
 from hpcinv.cli.mesh_input import CELL, CELLS, length, length_unit
 from hpcinv.errors import JobError, OutputError
-from hpcinv.files.atomic import output_errors, replace, write_output
-from hpcinv.files.names import escaped_line, yaml_text
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import parse
 from hpcinv.job.sections import IMAGES, STRESS, SURFACES
 from hpcinv.job.yaml_reader import read_text
-from hpcinv.materials import laws
-from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import NAME_OF_FILE
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.physics.materials import laws
 
 if TYPE_CHECKING:  # validation loads no numpy
     import numpy as np
@@ -252,7 +252,7 @@ def _example(options: argparse.Namespace) -> _Source:
 
 def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
     """The labels that are asked for; ``JobError`` with the image's labels if there are none."""
-    from hpcinv.mesh.imaging.label_image import labels_in
+    from hpcinv.geometry.imaging.label_image import labels_in
 
     if not options.label:
         known = labels_in(options.image, length_unit(options.unit or "mm"))
@@ -262,8 +262,7 @@ def _labels(options: argparse.Namespace, example: str) -> dict[str, list[int]]:
 
 def _wall_source(options: argparse.Namespace) -> _Source:
     """The wall around a cavity, meshed now: only with the cavity is it known which of its surfaces is which."""
-    from hpcinv.mesh.checks import check
-    from hpcinv.mesh.imaging.hollow_wall import (
+    from hpcinv.geometry.imaging.hollow_wall import (
         CAVITY,
         WALL,
         hollow_wall_mesh,
@@ -271,6 +270,7 @@ def _wall_source(options: argparse.Namespace) -> _Source:
         opening_error,
         wall_size,
     )
+    from hpcinv.mesh.checks import check
     from hpcinv.mesh.mesh_files import save
 
     path, unit, example = options.image, length_unit(options.unit or "mm"), f"{WALL}=1 --label {CAVITY}=2"
@@ -309,7 +309,7 @@ def _article(kind: str) -> str:
 def _image_source(options: argparse.Namespace) -> _Source:
     import numpy as np
 
-    from hpcinv.mesh.imaging.label_image import read_labels
+    from hpcinv.geometry.imaging.label_image import read_labels
 
     path, unit = options.image, length_unit(options.unit or "mm")
     labels = _labels(options, f"{options.kind}=1")
@@ -330,7 +330,7 @@ def _image_source(options: argparse.Namespace) -> _Source:
 def _surface_source(options: argparse.Namespace) -> _Source:
     import numpy as np
 
-    from hpcinv.mesh.imaging.closed_surface import read_closed
+    from hpcinv.geometry.imaging.closed_surface import read_closed
 
     path, unit = options.surface, length_unit(options.unit)
     surface = read_closed(path)

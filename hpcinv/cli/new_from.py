@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError
-from hpcinv.reading.suffix import suffix_of
 
 if TYPE_CHECKING:
-    from hpcinv.cards.deck import Deck
+    from hpcinv.formats.cards.deck import Deck
 
 _PROGRAMS = {".inp": "abaqus", ".feb": "febio", ".cdb": "ansys"}
 
@@ -19,10 +19,10 @@ def job_from(options: argparse.Namespace) -> str:
     """Return the content of a job."""
     import importlib
 
-    from hpcinv.cards.card import CardError
     from hpcinv.cli.cards import file_text
     from hpcinv.cli.file_job import FileJob
     from hpcinv.cli.mesh_input import length_unit
+    from hpcinv.formats.cards.card import CardError
     from hpcinv.mesh.io.isolated import read_isolated
     from hpcinv.mesh.readers import FILES, read_surface
 
@@ -33,7 +33,7 @@ def job_from(options: argparse.Namespace) -> str:
     if options.unit is None or options.stress_unit is None:
         raise JobError("--from: files of other programs have no units; give them, as --unit mm --stress-unit MPa")
     length_unit(options.unit)
-    reader = importlib.import_module(f"hpcinv.cards.{program}_deck")
+    reader = importlib.import_module(f"hpcinv.formats.cards.{program}_deck")
     try:
         text = file_text(path)
         is_shell: bool = reader.is_shell(text)

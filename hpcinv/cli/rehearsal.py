@@ -9,30 +9,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hpcinv.assembly.tangent import tangents_for
-from hpcinv.certificate import CheckedRun, certify, two_level
-from hpcinv.certificate.confirmation import given_u_of, second_variation
-from hpcinv.certificate.discretisation_error import finer_equations
-from hpcinv.certificate.round_trip import opposite_direction
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.keys import parse_key
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import Support
 from hpcinv.mesh.body import read_anywhere, read_finer_geometry
 from hpcinv.mesh.sample_mesh import HELD, sample_body
 from hpcinv.mesh.source import MeshSource
-from hpcinv.methods import method_for
-from hpcinv.methods.method import Start
+from hpcinv.model.assembly.tangent import tangents_for
 from hpcinv.model.fibre_directions import assume_directions
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.keys import parse_key
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution
 from hpcinv.results.steps import StepControl, carry_out
-from hpcinv.sensitivity.analysis import Sensitivities, sensitivities
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.iterative import Iterative
+from hpcinv.solver.methods import method_for
+from hpcinv.solver.methods.method import Start
 from hpcinv.solver.observer import SolvedDirection
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.certificate import CheckedRun, certify, two_level
+from hpcinv.trust.certificate.confirmation import given_u_of, second_variation
+from hpcinv.trust.certificate.discretisation_error import finer_equations
+from hpcinv.trust.certificate.round_trip import opposite_direction
+from hpcinv.trust.sensitivity.analysis import Sensitivities, sensitivities
 
 
 def rehearse(job: Job) -> None:

@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, check_one_process
 from hpcinv.errors import OutputError
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.yaml_reader import read_yaml
 
 
@@ -57,21 +57,21 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _identification_report(directory: Path, output: Path | None) -> Path:
-    from hpcinv.identification.identification_page import write_identification_report
+    from hpcinv.studies.identification.identification_page import write_identification_report
 
     return write_identification_report(directory, output)
 
 
 def _run_report(directory: Path, output: Path | None) -> Path:
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.reports.run_page import write_run_report
+    from hpcinv.pages.reports.run_page import write_run_report
 
     return write_run_report(directory, RunDirectory(directory).summary(), output)
 
 
 def _sweep_report(path: Path, output: Path | None, *, each: bool) -> Path:
-    from hpcinv.sweep.sweep_page import write_sweep_report
-    from hpcinv.sweep.sweep_plan import load_sweep
+    from hpcinv.studies.sweep.sweep_page import write_sweep_report
+    from hpcinv.studies.sweep.sweep_plan import load_sweep
 
     plan = load_sweep(path)
     page = output or plan.results / "report.html"
@@ -79,9 +79,9 @@ def _sweep_report(path: Path, output: Path | None, *, each: bool) -> Path:
 
 
 def _study_report(path: Path, output: Path | None, results: Path | None) -> Path:
-    from hpcinv.study.executions import executions_in
-    from hpcinv.study.study_page import write_study_report
-    from hpcinv.study.study_plan import load_study
+    from hpcinv.studies.study.executions import executions_in
+    from hpcinv.studies.study.study_page import write_study_report
+    from hpcinv.studies.study.study_plan import load_study
 
     plan = load_study(path)
     directory = results or plan.results

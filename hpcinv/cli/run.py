@@ -8,15 +8,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.parallel.imports import paused_collection
+from hpcinv.base.parallel.signals import STOPPED, end_on_interrupt
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks
 from hpcinv.errors import OutputError
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.settings import LEVELS
 from hpcinv.output.run_directory import RunDirectory, choose
-from hpcinv.parallel.imports import paused_collection
-from hpcinv.parallel.signals import STOPPED, end_on_interrupt
 
 
 def add_run(commands: Any) -> None:
@@ -109,13 +109,13 @@ def _import_console() -> None:
 
 
 def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, RunDirectory]], *, resume: bool) -> int:
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
         with paused_collection():
+            from hpcinv.base.parallel.ranks import abort, on_root
             from hpcinv.mesh.io.isolated import reading_ahead
             from hpcinv.output.progress import Level, Progress
-            from hpcinv.parallel.ranks import abort, on_root
 
         on_root(comm, _import_console)
         with ExitStack() as ahead, Progress(comm, sys.stdout, Level(1 + options.verbose - options.quiet)) as progress:
@@ -130,8 +130,8 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
             if comm.rank == 0:
                 ahead.enter_context(reading_ahead(job.mesh, job.resolve(job.mesh.file)))
             with paused_collection():
-                from hpcinv.certificate import Verdict
                 from hpcinv.driver import run
+                from hpcinv.trust.certificate import Verdict
 
             if resume and on_root(comm, lambda: directory.is_finished):
                 verdict_text = on_root(comm, lambda: directory.verdict)

@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks, port
-from hpcinv.files.untrusted import add_option
 
 if TYPE_CHECKING:
-    from hpcinv.serving.job_model import JobModel, Linearisation
+    from hpcinv.studies.serving.job_model import JobModel, Linearisation
 
 
 def add_serve(commands: Any) -> None:
@@ -31,13 +31,13 @@ def add_serve(commands: Any) -> None:
 
 
 def _serve(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
+        from hpcinv.base.parallel.runtime import on_root
         from hpcinv.job.job import load
-        from hpcinv.parallel.runtime import on_root
-        from hpcinv.serving.http_server import is_loopback, new_token
-        from hpcinv.serving.service import serve
+        from hpcinv.studies.serving.http_server import is_loopback, new_token
+        from hpcinv.studies.serving.service import serve
 
         def ready(address: str, model: JobModel, first: Linearisation) -> None:
             print(describe(address, model, first), flush=True)

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.cards.card import Card, CardError, UnknownLaw
-from hpcinv.cards.deck import Axes, Deck, Measure, NodalForces, ShellSection, layer_name
-from hpcinv.cards.orthotropic import FAMILIES
+from hpcinv.base.quantity.units import as_float, parse_unit
 from hpcinv.cli.file_job import FileJob
+from hpcinv.formats.cards.card import Card, CardError, UnknownLaw
+from hpcinv.formats.cards.deck import Axes, Deck, Measure, NodalForces, ShellSection, layer_name
+from hpcinv.formats.cards.orthotropic import FAMILIES
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
 from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.source import Floats, Group, MeshSource
-from hpcinv.quantity.units import as_float, parse_unit
 
 _SAME = 1e-6
 """parts of unit vectors, and differences of numbers by their size, that are 0; raised, oblique edges count as

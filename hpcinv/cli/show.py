@@ -9,19 +9,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.reading.door import admitted
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import JOBS, check_one_process, image_spec, length, mesh_spec
 from hpcinv.cli.options import port
 from hpcinv.errors import OutputError
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, load
 from hpcinv.job.sections import IMAGES, Support
-from hpcinv.pictures.colours import COLOURS, Colour
-from hpcinv.reading.door import admitted
+from hpcinv.pages.pictures.colours import COLOURS, Colour
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.pictures.drawing import Picture
+    from hpcinv.pages.pictures.drawing import Picture
 
 
 def add_show(commands: Any) -> None:
@@ -86,13 +86,13 @@ def show(options: argparse.Namespace) -> int:
     # A job, its mesh and its run have one name.
     path = options.output or Path(f"{given.resolve().stem}{kind}.{'html' if is_page else 'png'}")
     if is_page:
-        from hpcinv.reports.page import write_page
+        from hpcinv.pages.reports.page import write_page
 
         _check_page(given, path, is_run=is_run)
         check_one_process("show")
         write_page(path, _page(given, options.unit))
     else:
-        from hpcinv.pictures.drawing import check_png
+        from hpcinv.pages.pictures.drawing import check_png
 
         check_png(path)
         check_one_process("show")
@@ -136,11 +136,11 @@ def _plane(text: str) -> tuple[str, float | None]:
 
 def _run_picture(directory: Path, colour: Colour, section: tuple[str, float | None] | None) -> Picture:
     from hpcinv.output.run_directory import RunDirectory
-    from hpcinv.pictures.body_section import Cut
-    from hpcinv.pictures.boundary_surface import NAME, read_boundary
-    from hpcinv.pictures.interior import NAME as INTERIOR
-    from hpcinv.pictures.interior import read_interior
-    from hpcinv.pictures.result_picture import draw_result
+    from hpcinv.pages.pictures.body_section import Cut
+    from hpcinv.pages.pictures.boundary_surface import NAME, read_boundary
+    from hpcinv.pages.pictures.interior import NAME as INTERIOR
+    from hpcinv.pages.pictures.interior import read_interior
+    from hpcinv.pages.pictures.result_picture import draw_result
 
     summary = RunDirectory(directory).summary()
     if summary is None or not {"job", "certificate"} <= summary.keys():
@@ -175,8 +175,8 @@ def _check_page(given: Path, path: Path, *, is_run: bool) -> None:
 def _body_picture(path: Path, unit: str | None) -> Picture:
     job, body = _job_and_body(path, unit)
 
-    from hpcinv.pictures.gathering import boundary_of
-    from hpcinv.pictures.job_picture import draw_job, draw_mesh
+    from hpcinv.pages.pictures.gathering import boundary_of
+    from hpcinv.pages.pictures.job_picture import draw_job, draw_mesh
 
     boundary = boundary_of(body)
     assert boundary is not None  # there is one rank
@@ -189,9 +189,9 @@ def _edit(path: Path, port: int) -> int:
         raise OutputError(f"{path}: --edit is for jobs, into which it writes", f"To look: hpcinv show --html {path}")
     check_one_process("show")
 
-    from hpcinv.parallel.signals import StopRequest
-    from hpcinv.serving.http_server import new_token
-    from hpcinv.serving.job_editor import SAVE, JobEditor
+    from hpcinv.base.parallel.signals import StopRequest
+    from hpcinv.studies.serving.http_server import new_token
+    from hpcinv.studies.serving.job_editor import SAVE, JobEditor
 
     stop = StopRequest()
     editor = JobEditor(path, _page(path, None, SAVE), port, new_token())
@@ -208,7 +208,7 @@ def _edit(path: Path, port: int) -> int:
 def _page(path: Path, unit: str | None, save: str = "") -> bytes:
     job, body = _job_and_body(path, unit)
 
-    from hpcinv.reports.job_page import job_page, length_unit_of
+    from hpcinv.pages.reports.job_page import job_page, length_unit_of
 
     text = admitted(path).read_text("utf-8") if job else ""
     symbol = unit or length_unit_of(job, body)
@@ -220,8 +220,8 @@ def _job_and_body(path: Path, unit: str | None) -> tuple[Job | None, Body]:
     job = load(path) if path.suffix in JOBS else None
     spec = job.mesh if job else image_spec(path, unit) if path.suffix in IMAGES else mesh_spec(path, {"unit": unit})
 
+    from hpcinv.base.parallel.runtime import MPI
     from hpcinv.mesh import build_body
-    from hpcinv.parallel.runtime import MPI
 
     def report(text: str) -> None:
         print(f"meshing {spec.file}: {text}", file=sys.stderr, flush=True)

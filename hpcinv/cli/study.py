@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks
-from hpcinv.files.untrusted import add_option
-from hpcinv.study.study_plan import load_study
+from hpcinv.studies.study.study_plan import load_study
 
 
 def add_study(commands: Any) -> None:
@@ -50,11 +50,11 @@ def add_study(commands: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks) as (comm, stop):
-        from hpcinv.parallel.runtime import on_root
-        from hpcinv.study.study_run import run_study
+        from hpcinv.base.parallel.runtime import on_root
+        from hpcinv.studies.study.study_run import run_study
 
         plan = on_root(comm, lambda: load_study(options.study))
         run_study(plan, comm, directory=options.output or plan.results, retry_failed=options.retry_failed, stop=stop)
@@ -62,8 +62,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from hpcinv.batch.status import show
-    from hpcinv.study.executions import executions_in
+    from hpcinv.studies.batch.status import show
+    from hpcinv.studies.study.executions import executions_in
 
     plan = load_study(options.study)
     executions = executions_in(plan, options.output or plan.results, options.ranks)

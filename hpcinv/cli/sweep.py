@@ -5,18 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.ledger.holder import BEAT
-from hpcinv.batch.ledger.liveness import LEASE
-from hpcinv.batch.status import lines
+from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks, positive
 from hpcinv.cli.sweep_results import add_results
 from hpcinv.cli.sweep_submit import add_submit
 from hpcinv.errors import Interrupted, OutputError
-from hpcinv.files.untrusted import add_option
-from hpcinv.sweep.results import results, series_line, status_of
-from hpcinv.sweep.sweep_batch import open_damaged, sweep_batch
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.studies.batch.ledger.holder import BEAT
+from hpcinv.studies.batch.ledger.liveness import LEASE
+from hpcinv.studies.batch.status import lines
+from hpcinv.studies.sweep.results import results, series_line, status_of
+from hpcinv.studies.sweep.sweep_batch import open_damaged, sweep_batch
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 
 def add_sweep(commands: Any) -> None:
@@ -101,7 +101,7 @@ def _shard(text: str) -> tuple[int, int]:
 def _plan(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
 
-    from hpcinv.sweep.outlook import outlook
+    from hpcinv.studies.sweep.outlook import outlook
 
     for line in outlook(plan, plan.ledger, options.groups):
         print(line)
@@ -109,11 +109,11 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks, stack=False) as (world, stop):
-        from hpcinv.batch.conduct import conduct
-        from hpcinv.parallel.ranks import on_root
+        from hpcinv.base.parallel.ranks import on_root
+        from hpcinv.studies.batch.conduct import conduct
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
         plan = replace(plan, cases=plan.cases[: options.first])
@@ -159,11 +159,11 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _teach(options: argparse.Namespace) -> int:
-    from hpcinv.parallel.launch import launched
+    from hpcinv.base.parallel.launch import launched
 
     with launched(options.ranks) as (world, _):
-        from hpcinv.parallel.ranks import on_root
-        from hpcinv.sweep.training import train
+        from hpcinv.base.parallel.ranks import on_root
+        from hpcinv.studies.sweep.training import train
 
         plan = on_root(world, lambda: load_sweep(options.sweep))
         path = options.output or Path("results") / f"{plan.sweep.sweep}-start"

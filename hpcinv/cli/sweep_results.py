@@ -8,15 +8,15 @@ from collections.abc import Callable
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.batch.status import DAMAGED, Status, show
+from hpcinv.base.files.atomic import output_errors, replace
+from hpcinv.base.files.json_data import json_data
 from hpcinv.cli.options import file_ending, positive
 from hpcinv.errors import JobError
-from hpcinv.files.atomic import output_errors, replace
-from hpcinv.files.json_data import json_data
-from hpcinv.sweep.results import provenance, results, status_of
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.batch.status import DAMAGED, Status, show
+from hpcinv.studies.sweep.results import provenance, results, status_of
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 
 def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
@@ -83,8 +83,8 @@ def _table(options: argparse.Namespace) -> int:
     ledger = plan.ledger
     records = _read(plan, ledger)
 
-    from hpcinv.batch.tables import as_csv, in_written_units
-    from hpcinv.sweep.table import as_hdf5, columns, symbols, units
+    from hpcinv.studies.batch.tables import as_csv, in_written_units
+    from hpcinv.studies.sweep.table import as_hdf5, columns, symbols, units
 
     if options.output is not None and options.output.suffix == ".h5":
         _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
@@ -101,8 +101,8 @@ def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     records = _read(plan, plan.ledger)
 
-    from hpcinv.batch.tables import as_csv
-    from hpcinv.sweep.table import statistics
+    from hpcinv.studies.batch.tables import as_csv
+    from hpcinv.studies.sweep.table import statistics
 
     sys.stdout.write(as_csv(statistics(plan, records), {}))  # units are a column
     return 0
@@ -112,7 +112,7 @@ def _indices(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = plan.ledger
 
-    from hpcinv.sweep import indices
+    from hpcinv.studies.sweep import indices
 
     if options.plan:
         print("\n".join(indices.costs(plan, _read(plan, ledger))))
@@ -132,7 +132,7 @@ def _indices(options: argparse.Namespace) -> int:
         print(f"left out: {text}")
     data = indices.as_data(quantity_indices, sample, options.confidence)
     if options.shape is not None:
-        from hpcinv.sweep.shape_spread import describe_shape, shape_spread
+        from hpcinv.studies.sweep.shape_spread import describe_shape, shape_spread
 
         spread = shape_spread(sample, ledger, options.confidence)
         spread.write(options.shape, keys)
@@ -150,7 +150,7 @@ def _plot(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     stem = options.output or _stem(plan, options.quantity, options.over)
 
-    from hpcinv.sweep.sweep_plot import plot
+    from hpcinv.studies.sweep.sweep_plot import plot
 
     files, left_out = plot(plan, _read(plan, plan.ledger), options.quantity, options.over)
     for form, content in files.items():

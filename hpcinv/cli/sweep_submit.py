@@ -10,12 +10,12 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from hpcinv.batch.ledger.store import open_store
+from hpcinv.base.files.atomic import output_errors, replace
+from hpcinv.base.reading.door import VARIABLE, is_asked
 from hpcinv.errors import OutputError, SubmitError
-from hpcinv.files.atomic import output_errors, replace
-from hpcinv.reading.door import VARIABLE, is_asked
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
-from hpcinv.sweep.templates import TEMPLATES
+from hpcinv.studies.batch.ledger.store import open_store
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.sweep.templates import TEMPLATES
 
 LEAD = 120
 """seconds before the time limit at which the templates let Slurm send USR1; more leave less time to solve"""

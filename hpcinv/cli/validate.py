@@ -6,14 +6,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.quantity.schema import Spec
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
-from hpcinv.files.untrusted import add_option
 from hpcinv.job.job import Job, check_files, json_schema, load
 from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.mesh_contents import LARGEST
 from hpcinv.job.plausibility import doubtful_moduli
-from hpcinv.quantity.schema import Spec
 
 
 def add_validate(commands: Any) -> None:
@@ -81,19 +81,19 @@ def _regions_of_cad(job: Job) -> list[str]:
 def _load(path: Path) -> object:
     """Return the job, or the plan of the study or sweep, in a file; modules of these two take time to import."""
     if is_study(path):
-        from hpcinv.study.study_plan import load_study
+        from hpcinv.studies.study.study_plan import load_study
 
         return load_study(path)
     if is_sweep(path):
-        from hpcinv.sweep.sweep_plan import load_sweep
+        from hpcinv.studies.sweep.sweep_plan import load_sweep
 
         return load_sweep(path)
     return load(path)
 
 
 def _schema(options: argparse.Namespace) -> int:
-    from hpcinv.study.study_spec import Study
-    from hpcinv.sweep.sweep_spec import Sweep
+    from hpcinv.studies.study.study_spec import Study
+    from hpcinv.studies.sweep.sweep_spec import Sweep
 
     kinds: dict[str, type[Spec]] = {"job": Job, "study": Study, "sweep": Sweep}
     print(json.dumps(json_schema(kinds[options.kind]), indent=2))

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from hpcinv.base.files.untrusted import image_fault
+from hpcinv.base.quantity.schema import import_modules
+from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.files.untrusted import image_fault
 from hpcinv.formats.mesh_format import MeshFormat
-from hpcinv.quantity.schema import import_modules
-from hpcinv.reading.door import REFUSED, is_asked, path_fault
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.suffix import suffix_of
 
 import_modules(__name__, __path__)
 
@@ -21,7 +21,7 @@ MESHES = tuple(suffix for suffix, kind in sorted(FORMATS.items()) if kind.saver)
 
 
 def action_of(path: Path) -> str:
-    """Return the action of ``hpcinv.reading.isolated_reader`` that reads a mesh file; empty if it has none."""
+    """Return the action of ``hpcinv.base.reading.isolated_reader`` that reads a mesh file; empty if it has none."""
     return FORMATS[suffix_of(path)].action if suffix_of(path) in FORMATS else ""
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hpcinv.files.followed_includes import included_files
+from hpcinv.base.files.followed_includes import included_files
 from hpcinv.formats.mesh_format import MeshFormat
 
 

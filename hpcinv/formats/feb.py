@@ -4,8 +4,8 @@ import re
 from html import unescape
 from pathlib import Path
 
+from hpcinv.base.reading.door import admitted
 from hpcinv.formats.mesh_format import OF_NODES, Groups, MeshFormat
-from hpcinv.reading.door import admitted
 
 _NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^<>]*?\bname\s*=\s*\"([^\"]*)\"")
 _UNNAMED = r"part-\d+"

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from hpcinv.files.followed_includes import followed, included_files
+from hpcinv.base.files.followed_includes import followed, included_files
+from hpcinv.base.reading.fault import Fault
 from hpcinv.formats.mesh_format import Groups, MeshFormat
-from hpcinv.reading.fault import Fault
 
 _CONDITIONS = (
     r".+-(P[1-6]|EDNOR[1-4]|nodes|surface)",

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 if TYPE_CHECKING:
-    from hpcinv.quantity.arrays import Floats, Ints
+    from hpcinv.base.quantity.arrays import Floats, Ints
 
 
 OUTER, INNER = "outer", "inner"
@@ -72,7 +72,7 @@ class MeshFormat(ABC):
     """
 
     action: ClassVar[str] = ""
-    """action of ``hpcinv.reading.isolated_reader`` that reads a file, in a process with limits"""
+    """action of ``hpcinv.base.reading.isolated_reader`` that reads a file, in a process with limits"""
     suffix: ClassVar[str]
     other_suffixes: ClassVar[tuple[str, ...]] = ()
     elements: ClassVar[str] = ""

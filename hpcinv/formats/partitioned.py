@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from hpcinv.base.reading.door import REFUSED
 from hpcinv.formats.mesh_format import Groups, MeshFormat
 from hpcinv.formats.partitioned_header import HEADER, SUFFIX, read_header
-from hpcinv.reading.door import REFUSED
 
 
 class Partitioned(MeshFormat):

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from hpcinv.base.reading.door import trusted
 from hpcinv.errors import MeshError
-from hpcinv.reading.door import trusted
 
 SUFFIX = ".bp"
 HEADER = "mesh.json"

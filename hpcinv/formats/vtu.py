@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from hpcinv.base.reading.vtk_headers import END, elements_of
 from hpcinv.formats.mesh_format import Groups, MeshFormat
-from hpcinv.reading.vtk_headers import END, elements_of
 
 REGION = "region:"
 _OF_GRID = ("connectivity", "offsets", "types", "faces", "faceoffsets", "node_tag", "cell_tag", "vtkGhostType")

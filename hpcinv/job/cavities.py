@@ -5,15 +5,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from hpcinv.effects.effect import Effect
-from hpcinv.effects.pressure import Pressure
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.quantity import Length, Quantity, quantities_of
+from hpcinv.base.quantity.schema import Faults, KeyPath, Spec, TextOrTexts, Triple
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.job.sections import STRESS, QuantityOfInterest
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import VOLUME, StateSpec
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.quantity import Length, Quantity, quantities_of
-from hpcinv.quantity.schema import Faults, KeyPath, Spec, TextOrTexts, Triple
-from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.physics.effects.effect import Effect
+from hpcinv.physics.effects.pressure import Pressure
 
 
 class Lid(Spec):

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.quantity.schema import Faults, KeyPath
 from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.owners import have_derivatives
-from hpcinv.quantity.schema import Faults, KeyPath
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
 
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.functions import CONSTANTS, FUNCTIONS
+from hpcinv.base.quantity.schema import Problems
 from hpcinv.job.sections import FIELDS, POSITIONS
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.functions import CONSTANTS, FUNCTIONS
-from hpcinv.quantity.schema import Problems
 
 RESERVED = frozenset({*FUNCTIONS, *CONSTANTS, *POSITIONS, *FIELDS, "displacement"})
 """Names with a meaning in formulas of a job."""

@@ -4,8 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
-from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import Faults, OneOf, Spec, Triple
+from hpcinv.base.quantity.quantity import Quantity
+from hpcinv.base.quantity.schema import Faults, OneOf, Spec, Triple
 
 _REMEDY = "a plain number is in radians; write degrees as '60 deg'"
 Angle = Annotated[float, Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy=_REMEDY)]

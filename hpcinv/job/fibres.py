@@ -5,15 +5,15 @@ from typing import Any, ClassVar
 
 from pydantic import ValidationInfo
 
-from hpcinv.effects.effect import Configuration
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.expressions import Expression, faults_with_constants
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.quantity import AnyQuantity
+from hpcinv.base.quantity.schema import Faults, KeyPath, Name, Triple
+from hpcinv.base.quantity.spatial_fields import POSITIONS, ByData, ByFormula, ByRule
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.fibre_rules import AnyRule
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.expressions import Expression, faults_with_constants
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.quantity import AnyQuantity
-from hpcinv.quantity.schema import Faults, KeyPath, Name, Triple
-from hpcinv.quantity.spatial_fields import POSITIONS, ByData, ByFormula, ByRule
-from hpcinv.quantity.units import Dimension
+from hpcinv.physics.effects.effect import Configuration
 
 
 class FibreFamily(Ingredient):

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from hpcinv.effects.effect import Effect
-from hpcinv.effects.pressure import Pressure
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.sections import CUBIC, QuantityOfInterest
 from hpcinv.job.states import StateSpec
+from hpcinv.physics.effects.effect import Effect
+from hpcinv.physics.effects.pressure import Pressure
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.quantity.schema import KeyPath, dotted_key
 from hpcinv.errors import CheckpointError
 from hpcinv.job.job import Job
 from hpcinv.job.resolved_job import file_digest, resolved
-from hpcinv.quantity.schema import KeyPath, dotted_key
 
 _FORMAT = 2
 """of fingerprints: raised if they have more or less of a job, so that earlier ones are refused by one message"""

@@ -19,10 +19,31 @@ from pydantic import (
     model_validator,
 )
 
-from hpcinv.effects import AnyEffect, Direction, Effect
+from hpcinv.base.files.names import FilePath, is_file
+from hpcinv.base.files.untrusted import applies
+from hpcinv.base.quantity.expressions import Expression, faults
+from hpcinv.base.quantity.keys import JobKey, assigned
+from hpcinv.base.quantity.plugins import fault_of_plugin, load_file
+from hpcinv.base.quantity.quantity import AnyQuantity
+from hpcinv.base.quantity.schema import (
+    Faults,
+    FileName,
+    KeyPath,
+    ListOf,
+    Name,
+    Problems,
+    Spec,
+    collected,
+    dotted_key,
+    job_error,
+    name_from,
+    raise_if_any,
+    repeated,
+    shown,
+)
+from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError
-from hpcinv.files.names import FilePath, is_file
-from hpcinv.files.untrusted import applies
 from hpcinv.formats import SAVED
 from hpcinv.formats.mesh_format import Groups
 from hpcinv.job import region_references, rules
@@ -46,29 +67,8 @@ from hpcinv.job.shell_rules import unsuited_shell, unsuited_thickness
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.materials import Material, MaterialLaw
-from hpcinv.quantity.expressions import Expression, faults
-from hpcinv.quantity.keys import JobKey, assigned
-from hpcinv.quantity.plugins import fault_of_plugin, load_file
-from hpcinv.quantity.quantity import AnyQuantity
-from hpcinv.quantity.schema import (
-    Faults,
-    FileName,
-    KeyPath,
-    ListOf,
-    Name,
-    Problems,
-    Spec,
-    collected,
-    dotted_key,
-    job_error,
-    name_from,
-    raise_if_any,
-    repeated,
-    shown,
-)
-from hpcinv.reading.door import REFUSED, is_asked, path_fault
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.physics.effects import AnyEffect, Direction, Effect
+from hpcinv.physics.materials import Material, MaterialLaw
 
 MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""

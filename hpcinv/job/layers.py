@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hpcinv.effects import Effect
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.expressions import LET
+from hpcinv.base.quantity.spatial_fields import fields_in
 from hpcinv.job.sensitivities import Parameter, tied_parameters
-from hpcinv.materials import MaterialLaw
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.expressions import LET
-from hpcinv.quantity.spatial_fields import fields_in
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.materials import MaterialLaw
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from pydantic import BeforeValidator, GetJsonSchemaHandler, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.quantity.quantity import Length, Size
-from hpcinv.quantity.schema import Faults, ListOf, Spec, Triple
+from hpcinv.base.quantity.quantity import Length, Size
+from hpcinv.base.quantity.schema import Faults, ListOf, Spec, Triple
 
 WALL, INNER, OUTER = "wall", "inner", "outer"
 """regions of a vessel: its cells, its surface at the lumen, and its outer surface"""

@@ -1,6 +1,6 @@
 """What is in a job's mesh, image and surface files, for ``hpcinv validate``: without DOLFINx, NumPy and VTK here.
 
-Files are read as for a run, by ``hpcinv.reading.isolated_reader`` in a process of its own. A fault is certain: a run
+Files are read as for a run, by ``hpcinv.base.reading.isolated_reader`` in a process of its own. A fault is certain: a run
 would stop at it. A larger file is left to the run.
 """
 
@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hpcinv import reading
+from hpcinv.base import reading
+from hpcinv.base.reading.reader_outcome import fault_found
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.formats import FORMATS, action_of
 from hpcinv.formats.mesh_format import OF_NODES, Groups
 from hpcinv.job.sections import IMAGES, SURFACES, MeshFile, MeshSpec
-from hpcinv.reading.reader_outcome import fault_found
-from hpcinv.reading.suffix import suffix_of
 
 LARGEST = 20 * 10**6
 """bytes of a file that is read; raised, ``validate`` may take more than a second or two"""

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from hpcinv.quantity.constants import constant, is_pure
-from hpcinv.quantity.quantity import QUANTITIES
-from hpcinv.quantity.schema import KeyPath, collected, shown
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension
-from hpcinv.reading.door import admitted
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.base.quantity.constants import constant, is_pure
+from hpcinv.base.quantity.quantity import QUANTITIES
+from hpcinv.base.quantity.schema import KeyPath, collected, shown
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.quantity.units import Dimension
+from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.suffix import suffix_of
 
 type ParameterValue = float | int | bool | str
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from hpcinv.effects import Effect
+from hpcinv.base.quantity.component import Ingredient
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.sections import Shell, Support
 from hpcinv.job.sensitivities import Owner
 from hpcinv.job.states import StateSpec
-from hpcinv.materials import Material, MaterialLaw
-from hpcinv.quantity.component import Ingredient
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.materials import Material, MaterialLaw
 
 
 def laws_of(material: MaterialLaw | Mapping[str, MaterialLaw]) -> dict[str, MaterialLaw]:

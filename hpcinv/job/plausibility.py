@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping
 from math import isinf
 from typing import Any
 
+from hpcinv.base.quantity.docstrings import meanings
 from hpcinv.job.job import Job
-from hpcinv.materials import MaterialLaw
-from hpcinv.materials.moduli import young_and_poisson
-from hpcinv.quantity.docstrings import meanings
+from hpcinv.physics.materials import MaterialLaw
+from hpcinv.physics.materials.moduli import young_and_poisson
 
 _ROUNDING = 1e-6
 """Negative Poisson's ratio that counts as 0; lowered, a card or a decimal with few digits is warned of."""

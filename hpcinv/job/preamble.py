@@ -5,13 +5,13 @@ from typing import Any
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.files.untrusted import applies
+from hpcinv.base.files.untrusted import applies
+from hpcinv.base.quantity.expressions import LET, Expression
+from hpcinv.base.quantity.plugins import load_file, load_installed
+from hpcinv.base.quantity.schema import KeyPath, ListOf, Name, Spec, collected, raise_if_any
 from hpcinv.job.definitions import RESERVED, resolve
 from hpcinv.job.sections import directory_of
-from hpcinv.materials.formula_law.invariants import fault_of_name
-from hpcinv.quantity.expressions import LET, Expression
-from hpcinv.quantity.plugins import load_file, load_installed
-from hpcinv.quantity.schema import KeyPath, ListOf, Name, Spec, collected, raise_if_any
+from hpcinv.physics.materials.formula_law.invariants import fault_of_name
 
 
 class Preamble(Spec):

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from hpcinv.effects import Effect
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.schema import KeyPath
+from hpcinv.base.quantity.spatial_fields import ELSEWHERE, fields_in
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
 from hpcinv.job.sections import QuantityOfInterest, Support
-from hpcinv.materials import MaterialLaw
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.schema import KeyPath
-from hpcinv.quantity.spatial_fields import ELSEWHERE, fields_in
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.materials import MaterialLaw
 
 type References = Iterator[tuple[KeyPath, str]]
 

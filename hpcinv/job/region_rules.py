@@ -9,9 +9,9 @@ from pydantic import GetCoreSchemaHandler, SerializationInfo, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import shown
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.quantity import Quantity
+from hpcinv.base.quantity.schema import shown
 
 EXCEPT = "not "
 """begins an entry of a list whose region is left out"""

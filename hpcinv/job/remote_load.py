@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.quantity import Length, Quantity, quantities_of
-from hpcinv.quantity.schema import KeyPath, Spec, Triple
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.quantity import Length, Quantity, quantities_of
+from hpcinv.base.quantity.schema import KeyPath, Spec, Triple
 
 
 class RemoteLoad(Spec):

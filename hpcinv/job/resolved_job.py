@@ -12,17 +12,17 @@ from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
+from hpcinv.base.files.names import NamesFile
+from hpcinv.base.quantity.expressions import LET
+from hpcinv.base.quantity.plugins import inputs_of
+from hpcinv.base.quantity.schema import Spec, metadata_in
+from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.files.names import NamesFile
 from hpcinv.formats import FORMATS
 from hpcinv.formats.partitioned_header import read_header
 from hpcinv.job.job import Job
-from hpcinv.quantity.expressions import LET
-from hpcinv.quantity.plugins import inputs_of
-from hpcinv.quantity.schema import Spec, metadata_in
-from hpcinv.reading.door import admitted
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.suffix import suffix_of
 
 WITH_DEFINITIONS = {LET: True}
 """Serialization context in which formulas include the definitions that they use."""

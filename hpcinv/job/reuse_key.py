@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.quantity import quantities_of
+from hpcinv.base.quantity.schema import Spec
+from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.job.cavities import CONTROLS, Cavity
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, fingerprint, hash_of
 from hpcinv.job.job import Job
 from hpcinv.job.resolved_job import file_digest, resolved
 from hpcinv.job.sections import Support
 from hpcinv.job.states import StateSpec
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.quantity import quantities_of
-from hpcinv.quantity.schema import Spec
-from hpcinv.quantity.spatial_fields import Field
 
 _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 """settings that solvers of equations have from their first job; all others are read from the job of each run"""

@@ -2,17 +2,17 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-from hpcinv.effects import Direction, Effect
-from hpcinv.effects.contact import Contact
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.quantity import positive
+from hpcinv.base.quantity.schema import Faults, KeyPath, collected, dotted_key, raise_if_any, repeated, shown
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
 from hpcinv.job.settings import Discretisation, FixedPoint, Output
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
-from hpcinv.materials import MaterialLaw
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.quantity import positive
-from hpcinv.quantity.schema import Faults, KeyPath, collected, dotted_key, raise_if_any, repeated, shown
-from hpcinv.quantity.suggestions import did_you_mean
+from hpcinv.physics.effects import Direction, Effect
+from hpcinv.physics.effects.contact import Contact
+from hpcinv.physics.materials import MaterialLaw
 
 NEARLY_INCOMPRESSIBLE = 10.0  # bulk-to-shear ratio above which the displacement form locks
 

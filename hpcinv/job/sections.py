@@ -20,17 +20,12 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.names import FilePath, NamesFile, exists, is_file
-from hpcinv.files.untrusted import applies
-from hpcinv.formats import FORMATS as MESHES
-from hpcinv.formats import mesh_fault
-from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
-from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
-from hpcinv.job.remote_load import RemoteLoad
-from hpcinv.quantity.expressions import Expression, faults, faults_with_constants
-from hpcinv.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
-from hpcinv.quantity.schema import (
+from hpcinv.base.files.names import FilePath, NamesFile, exists, is_file
+from hpcinv.base.files.untrusted import applies
+from hpcinv.base.quantity.expressions import Expression, faults, faults_with_constants
+from hpcinv.base.quantity.parameter_paths import Number, replace_scalar
+from hpcinv.base.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
+from hpcinv.base.quantity.schema import (
     Faults,
     KeyPath,
     ListOf,
@@ -43,11 +38,16 @@ from hpcinv.quantity.schema import (
     raise_if_any,
     shown,
 )
-from hpcinv.quantity.spatial_fields import ByRegion, ThicknessField
-from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.base.quantity.spatial_fields import ByRegion, ThicknessField
+from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN_COMPONENTS, PRESTRAIN_STRESSES
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.quantity.units import Dimension
+from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.formats import FORMATS as MESHES
+from hpcinv.formats import mesh_fault
+from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
+from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
+from hpcinv.job.remote_load import RemoteLoad
 
 type AxisName = Literal["x", "y", "z"]
 AXES: tuple[AxisName, ...] = ("x", "y", "z")

@@ -3,15 +3,15 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.keys import JobKey, parse_key
+from hpcinv.base.quantity.quantity import AnyQuantity, positive
+from hpcinv.base.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, raise_if_any, shown
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.sections import Shell, Support
 from hpcinv.job.states import StateSpec
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.keys import JobKey, parse_key
-from hpcinv.quantity.quantity import AnyQuantity, positive
-from hpcinv.quantity.schema import KeyPath, ListOf, Spec, collected, dotted_key, raise_if_any, shown
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension
 
 type Owner = Ingredient | Support | Shell | Cavity | StateSpec
 

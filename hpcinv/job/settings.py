@@ -17,10 +17,10 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
-from hpcinv.files.untrusted import FileBeside, applies, option_fault
+from hpcinv.base.files.untrusted import FileBeside, applies, option_fault
+from hpcinv.base.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
+from hpcinv.base.reading.door import REFUSED
 from hpcinv.formats import SAVED, mesh_fault
-from hpcinv.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
-from hpcinv.reading.door import REFUSED
 
 if TYPE_CHECKING:
     SavedFormat = str

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from hpcinv.effects.effect import Effect
+from hpcinv.base.quantity.schema import Faults, KeyPath
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.sections import MeshSpec, Support
-from hpcinv.quantity.schema import Faults, KeyPath
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.physics.effects.effect import Effect
 
 SUFFIXES = (".msh", ".py", ".geo", ".vtu", ".vtk", ".inp", ".stl", ".ply", ".obj", ".vtp")
 """suffixes of meshes of shells"""

@@ -6,15 +6,15 @@ from typing import Annotated
 
 from pydantic import Field, ValidationInfo
 
-from hpcinv.effects import AnyEffect
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.quantity import Quantity
+from hpcinv.base.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
+from hpcinv.base.quantity.spatial_fields import fields_in
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.sections import Support
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.quantity import Quantity
-from hpcinv.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, repeated
-from hpcinv.quantity.spatial_fields import fields_in
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.quantity.units import Dimension
+from hpcinv.physics.effects import AnyEffect
 
 VOLUME = Dimension(length=3)
 REST = "rest"

@@ -14,11 +14,11 @@ from typing import Any
 
 import yaml
 
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError
 from hpcinv.formats import FORMATS
-from hpcinv.quantity.suggestions import did_you_mean
-from hpcinv.reading.door import admitted
-from hpcinv.reading.suffix import suffix_of
 
 MOST_BYTES = 8 * 2**20
 """bytes of a file"""

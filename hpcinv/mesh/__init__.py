@@ -1,6 +1,6 @@
 """Meshes: read or generated on rank 0, checked and partitioned, or read in parts; distributed as a ``Body``."""
 
-import hpcinv.parallel.runtime  # noqa: F401  (first: it fixes the import order)
+import hpcinv.base.parallel.runtime  # noqa: F401  (first: it fixes the import order)
 
 # isort: split
 from hpcinv.mesh.body import Body, build_body, read_source, reorder_to_source

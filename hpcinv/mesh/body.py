@@ -14,8 +14,12 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
+from hpcinv.base.files.names import exists
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.base.quantity.nondimensional import power_of_two
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.files.names import exists
 from hpcinv.formats import FORMATS
 from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.region_rules import RegionRule
@@ -41,10 +45,6 @@ from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geomet
 from hpcinv.mesh.regions import Mesh, Region, build_regions, find
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.on_demand import on_demand
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.nondimensional import power_of_two
-from hpcinv.reading.suffix import suffix_of
 
 BODY = "body"
 """name of the region inside of one surface"""

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import quadrature, scalar_element
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
 
 _DEGREE = 2  # of the rule of quadrature, exact on straight tetrahedra
 

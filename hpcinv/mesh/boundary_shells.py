@@ -3,10 +3,10 @@
 import dolfinx
 import numpy as np
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
-from hpcinv.quantity.arrays import LocalIndices
 
 type Mesh = dolfinx.mesh.Mesh[np.float64]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
 
 
 def extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from hpcinv.base.parallel.runtime import on_root
 from hpcinv.errors import MeshError
 from hpcinv.job.region_rules import RegionRule
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import on_root
 
 
 def coarser_body(

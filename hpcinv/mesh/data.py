@@ -6,11 +6,11 @@ import basix.ufl
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.errors import MeshError
 from hpcinv.mesh.body import Body, local_node_values
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.quantity.suggestions import did_you_mean
 
 SHAPES: dict[int, tuple[int, ...]] = {1: (), 3: (3,), 9: (3, 3)}  # by the number of components
 

@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import kind_and_degree, quadrature, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
-from hpcinv.parallel.runtime import MPI
 
 _LOOPS = {3: (0, 1, 2), 4: (0, 1, 3, 2)}
 """vertices of triangles and quadrilaterals in the order in which their boundary passes them"""

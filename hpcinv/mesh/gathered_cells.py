@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import jacobians, kind_and_degree, scalar_element, vertex_count
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.runtime import MPI
 
 FARTHEST = 0.5
 """Distance outside a reference cell up to which functions can be extrapolated from it."""

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import ArrayLabels
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside, join_facets
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import FacetTable
-from hpcinv.quantity.suggestions import did_you_mean
 
 _MOST_VALUES = 1000
 """values of an array that makes regions; raised, an array of numbers of cells makes a region for each of them"""

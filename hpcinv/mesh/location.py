@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from dolfinx import geometry
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.source import Floats
-from hpcinv.quantity.arrays import LocalIndices
 
 type Point = tuple[float, float, float]
 

@@ -8,8 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hpcinv.base.files.atomic import take_permissions
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import OutputError
-from hpcinv.files.atomic import take_permissions
 from hpcinv.formats import FORMATS
 from hpcinv.formats.mesh_format import loaded
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
@@ -18,8 +20,6 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.midsurface import surface_source
 from hpcinv.mesh.refine.degree import serendipity
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.reading.suffix import suffix_of
 
 
 def _load_and_save(saver: str, path: Path, source: MeshSource, points: Floats) -> None:

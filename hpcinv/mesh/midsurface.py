@@ -20,6 +20,8 @@ from typing import NoReturn
 
 import numpy as np
 
+from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
+from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
@@ -28,8 +30,6 @@ from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.quadrilaterals import halved
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import edge_neighbours, neighbour_signs, unique_rows, vertex_sets
-from hpcinv.quantity.spatial_fields import ByData, ByFormula, Field
-from hpcinv.quantity.units import readable
 
 _KIND, _DEGREE = "quadrilateral", 2
 _SHARPEST = 40.0

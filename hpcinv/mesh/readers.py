@@ -10,8 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.files.inputs import recorded_inputs
+from hpcinv.base.reading.door import admitted, trusted
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError, described
-from hpcinv.files.inputs import recorded_inputs
 from hpcinv.formats import FORMATS, check_untrusted
 from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
@@ -26,8 +28,6 @@ from hpcinv.mesh.io.shell_surfaces import read_shell_surface
 from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
-from hpcinv.reading.door import admitted, trusted
-from hpcinv.reading.suffix import suffix_of
 
 
 def build_python(
@@ -53,7 +53,7 @@ def build_python(
             if not callable(build):
                 raise MeshError(
                     f"{path}: no function 'build'",
-                    "Write: from hpcinv.quantity import Size; def build(gmsh, *, size: Size = 0.002): …",
+                    "Write: from hpcinv.base.quantity import Size; def build(gmsh, *, size: Size = 0.002): …",
                 )
             with monitored(gmsh, path, monitor):
                 build(gmsh, **parameters)

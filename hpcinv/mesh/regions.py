@@ -8,6 +8,10 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.runtime import MPI, agree
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.job.region_names import THIN, THIN_REMEDY
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace, VertexSet
@@ -19,10 +23,6 @@ from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
 from hpcinv.mesh.vertex_sets import edges_between, nearest_vertices
-from hpcinv.parallel.runtime import MPI, agree
-from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.suggestions import did_you_mean
 
 BOUNDARY = "boundary"
 _OF_FACETS = {"nx", "ny", "nz", "cavity"}

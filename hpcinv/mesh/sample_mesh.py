@@ -7,6 +7,9 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.nondimensional import power_of_two
 from hpcinv.job.region_rules import RegionRule, RegionUnion
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.cells import coordinate_element, vertex_count
@@ -16,9 +19,6 @@ from hpcinv.mesh.refine.finer_geometry import FinerGeometry
 from hpcinv.mesh.regions import Region, build_regions, evaluate, is_facet_condition
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.nondimensional import power_of_two
 
 HELD = "one facet of each cell"
 """A region of every sample body."""

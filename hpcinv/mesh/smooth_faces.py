@@ -3,10 +3,10 @@
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh, outer_facets
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
-from hpcinv.quantity.arrays import LocalIndices
 
 _ROW_BY_ROW = np.array([0, 1, 3, 2])  # DOLFINx numbers the vertices of a quadrilateral so
 _TIE = 1e-9  # of the body, between distances that are equal; if it is raised, the order of the nodes decides more often

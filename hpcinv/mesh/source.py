@@ -12,9 +12,9 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.quantity.arrays import Floats as Floats
+from hpcinv.base.quantity.arrays import Ints as Ints
 from hpcinv.job.sections import Shell
-from hpcinv.quantity.arrays import Floats as Floats
-from hpcinv.quantity.arrays import Ints as Ints
 
 type Place = Literal["nodes", "cells"]
 

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hpcinv.base.files.names import exists
+from hpcinv.base.parallel.runtime import on_root
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.files.names import exists
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, local_node_values, read_mesh_file
 from hpcinv.mesh.midsurface import moved_levels
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.parallel.runtime import on_root
-from hpcinv.reading.suffix import suffix_of
 
 
 def start_nodes(spec: MeshSpec, path: Path, body: Body) -> Floats:

@@ -16,8 +16,8 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import unique_rows, vertex_sets
 
 if TYPE_CHECKING:
+    from hpcinv.base.quantity.arrays import LocalIndices
     from hpcinv.mesh import Body
-    from hpcinv.quantity.arrays import LocalIndices
 
 _VALUES_AT_ONCE = 3_000_000
 

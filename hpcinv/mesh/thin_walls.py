@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hpcinv.base.quantity.units import readable
 from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, find_rows, unique_rows
-from hpcinv.quantity.units import readable
 
 _OPPOSITE = -0.7
 """cosine between the outward normals of a wall's sides; raised, edges across corners count as walls"""

@@ -5,9 +5,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import geometry
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import coordinate_element
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.runtime import MPI
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
 

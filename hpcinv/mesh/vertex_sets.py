@@ -3,10 +3,10 @@
 import dolfinx
 import numpy as np
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.source import Floats
-from hpcinv.quantity.arrays import LocalIndices
 
 _NEAR = 1e-3
 """Distance of a vertex from a point, relative to the body, up to which it is meant; raised, points may be less exact"""

@@ -10,6 +10,8 @@ import numpy as np
 from dolfinx.mesh import entities_to_geometry
 from petsc4py import PETSc
 
+from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.base.quantity.schema import KeyPath
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
@@ -19,8 +21,6 @@ from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.schema import KeyPath
 
 _UNEVEN = 0.1
 """Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""

@@ -8,11 +8,11 @@ pressures of its own at the interface, and the displacement, which is continuous
 import numpy as np
 from dolfinx import la
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Ints
 from hpcinv.model.fields import parts
-from hpcinv.parallel.runtime import MPI
 
 
 def layers_of_cells(job: Job, body: Body) -> Ints | None:

@@ -9,12 +9,12 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
 
 _COLUMNS = 10  # components of the stress, and the volume ratio
 

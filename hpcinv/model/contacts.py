@@ -12,22 +12,22 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from hpcinv.effects import Effect
-from hpcinv.effects.contact import PENALTY, QUADRATURE, Contact
-from hpcinv.effects.obstacles import SurfaceObstacle
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.errors import MeshError
-from hpcinv.kinematics.kinematics import Kinematics
-from hpcinv.kinematics.staged_derivatives import remove_stages
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
 from hpcinv.model.parameters import entry_of, present_value
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.spatial_fields import Field
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.effects.contact import PENALTY, QUADRATURE, Contact
+from hpcinv.physics.effects.obstacles import SurfaceObstacle
+from hpcinv.physics.kinematics.kinematics import Kinematics
+from hpcinv.physics.kinematics.staged_derivatives import remove_stages
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _EXACT = 2.0**-16
 """Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dolfinx.fem import Function
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.nondimensional import Scales, power_of_two
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
-from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats, MeshSource
@@ -20,9 +21,8 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.model.state import State
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.nondimensional import Scales, power_of_two
+from hpcinv.physics.effects import Direction
+from hpcinv.physics.kinematics.kinematics import ForwardKinematics, InverseKinematics
 
 KINEMATICS = {kind.direction: kind for kind in (ForwardKinematics, InverseKinematics)}
 

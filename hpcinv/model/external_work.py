@@ -8,10 +8,10 @@ from typing import Any
 
 import ufl
 
-from hpcinv.effects import Effect
 from hpcinv.errors import HpcinvError, JobError, described
-from hpcinv.kinematics.kinematics import Kinematics
 from hpcinv.model.plugin_terms import noted
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.kinematics.kinematics import Kinematics
 
 ADVICE = (
     "  Return a sum of integrals that are linear in v: k.dV(f) or k.dv(f) over the reference or current volume,"

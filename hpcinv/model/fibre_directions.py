@@ -18,14 +18,14 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Booleans, LocalIndices
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.fibre_rules import FibreRule, TubeRule, VentricleRule
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians
 from hpcinv.mesh.source import Floats
 from hpcinv.model.laplace import Laplace
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Booleans, LocalIndices
 
 _COLUMN = {"fibre": 0, "normal": 1, "sheet": 2}
 _CHUNK = 10_000  # most cells at a time, to limit memory

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.quantity import quantities_of, quantity_of
+from hpcinv.base.quantity.spatial_fields import entries, is_uniform
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
-from hpcinv.materials import MaterialLaw
 from hpcinv.mesh.source import Floats
 from hpcinv.model.fields import BodyFields, law_cells
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.quantity import quantities_of, quantity_of
-from hpcinv.quantity.spatial_fields import entries, is_uniform
+from hpcinv.physics.materials import MaterialLaw
 
 _FACES = (0, 5)
 """local numbers of the facets of a hexahedron across its third axis"""

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRule, Field
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.model.fibre_directions import cell_vectors, rule_directions
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRule, Field
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface

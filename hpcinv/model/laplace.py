@@ -8,10 +8,10 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.arrays import LocalIndices
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _ACCURACY, _ITERATIONS = 1e-11, 500
 _QUADRATURE = 4

@@ -4,10 +4,10 @@ import basix
 import numpy as np
 from dolfinx import fem, la
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
 
 _SMOOTH = 0.7
 """Least cosine of the angle between a facet and the normal of its node (46°); raised, coarse curved surfaces are

@@ -14,12 +14,12 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.kinematics.staged_derivatives import gradient
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import quadrature
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.kinematics.staged_derivatives import gradient
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 LARGEST_STRAIN = 1.0
 """Largest nominal strain. With a larger one, small displacements under large loads would count as rounding errors."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import scalar_element, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
 
 type DistanceFunction = Callable[[Floats], tuple[Floats, Floats]]
 """Signed distances (n,) of points (n, 3), and the directions (n, 3) out of the obstacle."""

@@ -21,16 +21,16 @@ from dolfinx import fem
 from petsc4py import PETSc
 from ufl.classes import ListTensor
 
-from hpcinv.kinematics.kinematics import Kinematics, OtherState
-from hpcinv.kinematics.ufl_formulas import position_formula
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.nondimensional import LengthsOfBody, Scales
+from hpcinv.base.quantity.spatial_fields import ByFormula, Field
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.nondimensional import LengthsOfBody, Scales
-from hpcinv.quantity.spatial_fields import ByFormula, Field
-from hpcinv.quantity.units import Dimension
+from hpcinv.physics.kinematics.kinematics import Kinematics, OtherState
+from hpcinv.physics.kinematics.ufl_formulas import position_formula
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 
 @dataclass(frozen=True)

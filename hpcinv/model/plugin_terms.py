@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from hpcinv.points.kernels import missing_in_programs, term_places
+from hpcinv.physics.points.kernels import missing_in_programs, term_places
 
 
 def noted[T](where: str, method: Callable[..., Any], term: T) -> T:

@@ -8,13 +8,13 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from hpcinv.kinematics.staged_derivatives import remove_stages
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.arrays import LocalIndices
+from hpcinv.physics.kinematics.staged_derivatives import remove_stages
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 

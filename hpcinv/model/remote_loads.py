@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import Motion
-from hpcinv.kinematics.rigid_motion import rotation_matrix, rotation_vector
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
+from hpcinv.physics.kinematics.rigid_motion import rotation_matrix, rotation_vector
 
 
 @dataclass(frozen=True)

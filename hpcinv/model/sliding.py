@@ -32,10 +32,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.sliding_surfaces import SlidingSurface
 from hpcinv.model.spaces import Unknowns
-from hpcinv.quantity.arrays import LocalIndices
 
 _SUBSET: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
 _PARALLEL = 1e-6

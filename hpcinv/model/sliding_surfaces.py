@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.ranks import on_root
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.taylor import FUNCTIONS, Taylor
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import Support
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.ranks import on_root
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.taylor import FUNCTIONS, Taylor
 
 _FARTHEST = 5e-3
 """Distance of nodes from their surface, in diagonals of their region; raised, a wrong radius may be accepted."""

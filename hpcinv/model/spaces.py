@@ -10,11 +10,11 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Ints
 from hpcinv.model.split_dofs import split
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
 
 
 class Unknowns:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, fem
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Ints
-from hpcinv.parallel.runtime import MPI
 
 _TAG = 1  # of messages by which ranks agree on a map
 MOST_LAYERS = 4

@@ -9,11 +9,13 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import entities_to_geometry
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.parameter_paths import POINTS, central_difference, step_at
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Motion, Support
-from hpcinv.kinematics.rigid_motion import RigidMotion
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.nodal_normals import nodal_normals
@@ -22,10 +24,8 @@ from hpcinv.model.remote_loads import RemoteFace
 from hpcinv.model.sliding import Slide, Sliding
 from hpcinv.model.sliding_surfaces import surface_of
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.parameter_paths import POINTS, central_difference, step_at
+from hpcinv.physics.effects import Direction
+from hpcinv.physics.kinematics.rigid_motion import RigidMotion
 
 _TOUCHING = 1e-12
 """Distance (scaled) of a node from its slide that is a rounding error; raised, a path may begin off the slide."""

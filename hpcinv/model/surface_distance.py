@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.runtime import MPI, on_root
 
 _SMOOTH = 30.0  # degrees between triangles, below which their normals are averaged
 _FLAT = 1e-6

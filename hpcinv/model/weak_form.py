@@ -27,13 +27,10 @@ import ufl
 from dolfinx import fem
 from ufl.classes import Label, Variable
 
-from hpcinv.effects import Effect
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
 from hpcinv.job.sections import Shell
-from hpcinv.kinematics.kinematics import Deformation, Kinematics, OtherState
-from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.kinematics.transverse_shear import corrected_for_shear
-from hpcinv.materials import MaterialLaw
 from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import external_work
@@ -45,8 +42,11 @@ from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.plugin_terms import noted
 from hpcinv.model.spaces import Unknowns
-from hpcinv.quantity.component import Ingredient
-from hpcinv.quantity.nondimensional import Scales
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.kinematics.kinematics import Deformation, Kinematics, OtherState
+from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.physics.kinematics.transverse_shear import corrected_for_shear
+from hpcinv.physics.materials import MaterialLaw
 
 LABEL = Label(1_000_001)
 """Label of ``H``, the variable of the laws' derivatives; fixed and large as the kinematics'."""

@@ -17,23 +17,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import adios4dolfinx
 import numpy as np
 from dolfinx.fem import Function
 
+from hpcinv.base.files.atomic import replace
+from hpcinv.base.files.saved_mark import mark_saved
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import CheckpointError, OutputError
-from hpcinv.files.atomic import replace
-from hpcinv.files.saved_mark import mark_saved
 from hpcinv.job.fingerprint import check_same_problem
 from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.methods.method import Start
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods.method import Start
 from hpcinv.solver.newton import NewtonIteration, Solve
 
 _FORMAT = 5

@@ -10,8 +10,8 @@ from typing import Any, TextIO
 import rich.console
 from rich.table import Table
 
+from hpcinv.base.parallel.signals import discard_output
 from hpcinv.errors import OutputError
-from hpcinv.parallel.signals import discard_output
 
 
 class Console(rich.console.Console):

@@ -13,11 +13,11 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
+from hpcinv.base.quantity.units import readable
 from hpcinv.errors import HpcinvError
 from hpcinv.model.fibre_directions import notes_on_rules
 from hpcinv.output.run_log import RunLog
 from hpcinv.output.text_report import counted, report, short_report
-from hpcinv.quantity.units import readable
 from hpcinv.solver.observer import Observer
 
 if TYPE_CHECKING:
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as LiveBar
 
-    from hpcinv.effects import Direction
     from hpcinv.job.job import Job
     from hpcinv.mesh import Body
     from hpcinv.output.checkpoint import Restart
+    from hpcinv.physics.effects import Direction
     from hpcinv.results.totals import Totals
     from hpcinv.solver.linear.selection import Used
     from hpcinv.solver.newton import NewtonIteration

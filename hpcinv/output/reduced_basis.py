@@ -1,7 +1,7 @@
 """Initial guesses by a reduced basis of the solutions of a sweep, and a regression of their coefficients.
 
 The solutions of the cases are combinations of few modes (proper orthogonal decomposition). At the numbers of a new job,
-the coefficients of the modes are interpolated (`hpcinv.methods.radial_basis`). Newton's method corrects the prediction
+the coefficients of the modes are interpolated (`hpcinv.solver.methods.radial_basis`). Newton's method corrects the prediction
 to its own tolerance, so a poor one costs time, not accuracy.
 
 A directory has ``start.json`` (points and coefficients of the cases) and ``modes.bp`` (ADIOS2, in the cell order of the
@@ -20,23 +20,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import adios4dolfinx
 import numpy as np
 from dolfinx.fem import Function
 
+from hpcinv.base.files.atomic import output_errors, replace
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError
-from hpcinv.files.atomic import output_errors, replace
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.reuse_key import digests_of_structure, numbers_of
 from hpcinv.mesh.source import Floats
-from hpcinv.methods.method import Guess
-from hpcinv.methods.radial_basis import RadialBasis
 from hpcinv.output.checkpoint import cells_digest, functions_digest
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods.method import Guess
+from hpcinv.solver.methods.radial_basis import RadialBasis
 
 STRATEGY = "start of a sweep"
 """Strategy of a solve from a predicted solution, for reports."""

@@ -9,26 +9,26 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Certificate, Estimate, Verdict
-from hpcinv.certificate.overlap import OVERLAP
+from hpcinv.base.parallel.runtime import on_root
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.output.vtk import write_fields
-from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.boundary_surface import Boundary
-from hpcinv.pictures.gathering import boundary_of
-from hpcinv.pictures.interior import Interior
-from hpcinv.pictures.interior_gathering import interior_of
+from hpcinv.pages.pictures.boundary_surface import Boundary
+from hpcinv.pages.pictures.gathering import boundary_of
+from hpcinv.pages.pictures.interior import Interior
+from hpcinv.pages.pictures.interior_gathering import interior_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
-from hpcinv.sensitivity.analysis import Sensitivities
-from hpcinv.sensitivity.surface_errors import SurfaceSpread
+from hpcinv.trust.accuracy import AccuracyRecord
+from hpcinv.trust.certificate import Certificate, Estimate, Verdict
+from hpcinv.trust.certificate.overlap import OVERLAP
+from hpcinv.trust.sensitivity.analysis import Sensitivities
+from hpcinv.trust.sensitivity.surface_errors import SurfaceSpread
 
 if TYPE_CHECKING:
-    from hpcinv.pictures.colours import Colour
-    from hpcinv.pictures.drawing import Picture
+    from hpcinv.pages.pictures.colours import Colour
+    from hpcinv.pages.pictures.drawing import Picture
 
 
 class Quantities(dict[str, Any]):
@@ -124,7 +124,7 @@ class Result:
         Raises:
             OutputError: the run has no values of this colour.
         """
-        from hpcinv.pictures.result_picture import draw_result  # loads matplotlib
+        from hpcinv.pages.pictures.result_picture import draw_result  # loads matplotlib
 
         boundary = self.boundary()
 

@@ -11,17 +11,17 @@ from typing import Any
 
 import yaml
 
+from hpcinv.base.files.atomic import create, output_errors, replace
+from hpcinv.base.files.directory_lock import NAME as LOCK
+from hpcinv.base.files.directory_lock import DirectoryLock, check_unlocked
+from hpcinv.base.files.inputs import changed_inputs, digest_of
+from hpcinv.base.files.json_data import json_data
+from hpcinv.base.files.names import check_output
+from hpcinv.base.reading.door import admitted
 from hpcinv.errors import CheckpointError, JobError, OutputError
-from hpcinv.files.atomic import create, output_errors, replace
-from hpcinv.files.directory_lock import NAME as LOCK
-from hpcinv.files.directory_lock import DirectoryLock, check_unlocked
-from hpcinv.files.inputs import changed_inputs, digest_of
-from hpcinv.files.json_data import json_data
-from hpcinv.files.names import check_output
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
 from hpcinv.job.job import UNNAMED, Job, load, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.reading.door import admitted
 
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
 _CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-from hpcinv.accuracy import AccuracyRecord
-from hpcinv.certificate import Certificate, Line, Verdict, topic
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import on_root
+from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityValue
@@ -20,12 +19,11 @@ from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.shape_files import lines_of
 from hpcinv.output.summary import statistics, write_on_this_rank, write_summary
-from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.boundary_surface import NAME as BOUNDARY
-from hpcinv.pictures.boundary_surface import write_boundary
-from hpcinv.pictures.interior import NAME as INTERIOR
-from hpcinv.pictures.interior import write_interior
-from hpcinv.quantity.written_units import written_units
+from hpcinv.pages.pictures.boundary_surface import NAME as BOUNDARY
+from hpcinv.pages.pictures.boundary_surface import write_boundary
+from hpcinv.pages.pictures.interior import NAME as INTERIOR
+from hpcinv.pages.pictures.interior import write_interior
+from hpcinv.physics.effects import Direction
 from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
 from hpcinv.results.solution import Solution
@@ -35,6 +33,8 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import Observer, SolvedDirection
+from hpcinv.trust.accuracy import AccuracyRecord
+from hpcinv.trust.certificate import Certificate, Line, Verdict, topic
 
 LOAD_FACTOR = topic("load factor", "Share of the load that was reached.")
 POSITION = topic("position residual", "Distance of the loaded body from the given one, which must vanish.")
@@ -218,7 +218,7 @@ class RunReport(Observer):
             write_summary(path, content, store.comm, formats=others)
             try:
                 if self.job.output.report:
-                    from hpcinv.reports.run_page import write_run_report  # loads VTK
+                    from hpcinv.pages.reports.run_page import write_run_report  # loads VTK
 
                     on_root(store.comm, lambda: write_run_report(path, content))
             finally:  # the results are kept if there is an error in the report, which 'report' writes again

@@ -4,8 +4,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
+from hpcinv.base.files.directory_lock import DirectoryLock
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError, MeshError
-from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, write_mesh
@@ -17,7 +18,6 @@ from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.shape_files import ShapeFile, notes_of
 from hpcinv.output.summary import versions
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.cell_fields import face_arrays
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.shape_directions import shape_directions

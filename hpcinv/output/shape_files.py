@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from hpcinv.certificate import Line, topic, upper_bound_line
-from hpcinv.quantity.units import readable
+from hpcinv.base.quantity.units import readable
+from hpcinv.trust.certificate import Line, topic, upper_bound_line
 
 SHAPE_FILES = topic(
     "shape files: largest distance from the computed body, relative to the displacement",

@@ -2,15 +2,15 @@
 
 import math
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import on_root
 from hpcinv.errors import OutputError
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.output.checkpoint import Restart
 from hpcinv.output.run_store import RunStore
-from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.decimation import Decimated, decimated
-from hpcinv.pictures.gathering import cut_of
-from hpcinv.pictures.snapshots import NAME, Snapshot, remove_after, write_snapshot
+from hpcinv.pages.pictures.decimation import Decimated, decimated
+from hpcinv.pages.pictures.gathering import cut_of
+from hpcinv.pages.pictures.snapshots import NAME, Snapshot, remove_after, write_snapshot
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, SolveEvent
 

@@ -10,24 +10,24 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.files.atomic import write_output
-from hpcinv.files.json_data import json_data
+from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.json_data import json_data
+from hpcinv.base.parallel.memory_use import Memory, peak
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import WORK, Timings
+from hpcinv.base.quantity.written_units import written_units
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.output.result import Result
-from hpcinv.parallel.memory_use import Memory, peak
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import WORK, Timings
-from hpcinv.quantity.written_units import written_units
-from hpcinv.reports.shape_error import shape_error
+from hpcinv.pages.reports.shape_error import shape_error
 from hpcinv.results.solution import Solution
 from hpcinv.version import __version__
 

@@ -6,14 +6,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix.ufl
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.certificate import Estimate
+from hpcinv.base.parallel.runtime import on_root
+from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 from hpcinv.errors import OutputError
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
@@ -22,13 +23,12 @@ from hpcinv.mesh.file_numbers import cell_numbers, node_numbers
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import on_root
-from hpcinv.pictures.gathering import error_in
-from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
+from hpcinv.pages.pictures.gathering import error_in
 from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 from hpcinv.results.nodal_projection import projected
 from hpcinv.results.solution import Solution
+from hpcinv.trust.certificate import Estimate
 
 BODIES = ("undeformed", "deformed")
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from dolfinx import la
 
+from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import layer_interpolation, scalar_element
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.cell_means import LayerValues
-from hpcinv.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 from hpcinv.results.cell_middles import Cells, constants_in, deformation_gradients, gradients_at
 from hpcinv.results.solution import Solution
 

@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import Function
 
+from hpcinv.base.quantity.spatial_fields import ByData, ByRule
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import Floats
 from hpcinv.model.fibre_directions import middle_vectors, rule_directions
-from hpcinv.quantity.spatial_fields import ByData, ByRule
 from hpcinv.results.solution import Solution
 
 type Cells = npt.NDArray[np.integer]

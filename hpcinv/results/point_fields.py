@@ -10,18 +10,10 @@ import ufl
 from dolfinx import fem
 from ufl.classes import FacetJacobianDeterminant
 
-from hpcinv.job.sections import NORMALS
-from hpcinv.kinematics.staged_derivatives import remove_stages
-from hpcinv.mesh import Body
-from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quadrature
-from hpcinv.mesh.location import PointLocation
-from hpcinv.mesh.source import Floats
-from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.arrays import LocalIndices
-from hpcinv.quantity.nondimensional import Scales
-from hpcinv.quantity.stress_measures import (
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.base.quantity.stress_measures import (
     COMPONENTS,
     PRESTRAIN,
     PRESTRAIN_COMPONENTS,
@@ -29,6 +21,14 @@ from hpcinv.quantity.stress_measures import (
     components_of,
     measure_named,
 )
+from hpcinv.job.sections import NORMALS
+from hpcinv.mesh import Body
+from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quadrature
+from hpcinv.mesh.location import PointLocation
+from hpcinv.mesh.source import Floats
+from hpcinv.model.weak_form import WeakForm
+from hpcinv.physics.kinematics.staged_derivatives import remove_stages
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
 # FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import la
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.sections import STRESS, QuantityOfInterest, QuantityValue
 from hpcinv.mesh import Body
@@ -23,8 +25,6 @@ from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
 from hpcinv.model.cavities import enclosed_volume
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.nondimensional import Scales
 from hpcinv.results.point_fields import PointFields
 from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution

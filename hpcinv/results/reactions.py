@@ -9,8 +9,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.sections import QuantityOfInterest
-from hpcinv.parallel.runtime import MPI
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 

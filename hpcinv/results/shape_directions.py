@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hpcinv.base.quantity.spatial_fields import ByData
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.data import distribute
 from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.quantity.spatial_fields import ByData
 from hpcinv.results.cell_fields import nodal_means
 from hpcinv.results.cell_middles import Cells, given_gradients, given_in_middles, gradients_at, unit_vectors
 from hpcinv.results.solution import Solution

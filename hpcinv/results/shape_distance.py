@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from dolfinx.mesh import Geometry
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import ExpectedShape, MeshSpec
@@ -24,7 +25,6 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.on_demand import on_demand
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.solution import Solution
 
 if TYPE_CHECKING:

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from dolfinx.fem import Function
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
-from hpcinv.methods.method import Guess, sign_of
-from hpcinv.methods.nested_iteration import CoarseSolve
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.cell_means import LayerValues
 from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.model.state import State
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.methods.method import Guess, sign_of
+from hpcinv.solver.methods.nested_iteration import CoarseSolve
 from hpcinv.solver.newton import Solve
 
 

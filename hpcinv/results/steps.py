@@ -9,16 +9,16 @@ from pathlib import Path
 
 from dolfinx.fem import Function
 
-from hpcinv.effects import Direction
 from hpcinv.job.job import PlannedSolve
 from hpcinv.mesh.data import as_function
 from hpcinv.mesh.source import DataArray
 from hpcinv.mesh.start_shape import start_nodes
-from hpcinv.methods import solve_direction
-from hpcinv.methods.method import UNLOADED, Start
-from hpcinv.methods.nested_iteration import CoarseSolve, solve_nested
+from hpcinv.physics.effects import Direction
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import UNLOADED, Start
+from hpcinv.solver.methods.nested_iteration import CoarseSolve, solve_nested
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
 
 type _Solved = tuple[SolvedDirection, CoarseSolve | None]

@@ -12,7 +12,9 @@ from typing import Any, Self
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.effects import Direction, Effect
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.quantity import quantities_of
+from hpcinv.base.quantity.units import Dimension, length_symbol, readable
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.plausibility import convention, doubtful_moduli, largest_bulk_modulus
 from hpcinv.mesh import Body
@@ -21,9 +23,7 @@ from hpcinv.mesh.cells import jacobians, quadrature
 from hpcinv.mesh.regions import BOUNDARY, is_facet_condition
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.quantity import quantities_of
-from hpcinv.quantity.units import Dimension, length_symbol, readable
+from hpcinv.physics.effects import Direction, Effect
 from hpcinv.solver.equations import Equations
 
 LENGTHS = 1e-3, 10.0

@@ -1,6 +1,6 @@
 """Unknown numbers of a solution, which are pressures of cavities and motions of regions, with their equations."""
 
-from hpcinv.assembly.system import System
+from hpcinv.model.assembly.system import System
 from hpcinv.model.cavities import CavityEquation, cavity_equations
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.results.solution import Solution

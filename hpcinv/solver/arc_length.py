@@ -7,8 +7,8 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import BorderedTangent, Bordering, Corrected, tangent_along
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.limit_point_search import PathSample, locate

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.solver.border import Border
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.path_plane import PathPlane

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Floats, LocalIndices
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Floats, LocalIndices
 from hpcinv.solver.bordering import Bordering, Corrected
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.power_series import PowerSeries

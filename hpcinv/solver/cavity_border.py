@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.petsc_vectors import dot
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.model.cavities import CavityEquation
-from hpcinv.parallel.petsc_vectors import dot
 from hpcinv.solver.border import Border
 
 

@@ -3,8 +3,8 @@
 import enum
 from collections.abc import Sequence
 
-from hpcinv.effects import Direction
 from hpcinv.model.outcome import Outcome
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
 

@@ -8,13 +8,13 @@ from functools import cached_property
 
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import MeshError
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.mesh import Body
+from hpcinv.model.assembly.system import System
 from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.hinge_checks import check_hinges

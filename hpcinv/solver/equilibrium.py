@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.border import Border
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.linear_solver import LinearSolver

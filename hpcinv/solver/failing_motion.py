@@ -8,15 +8,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.spatial_fields import ByFormula, fields_in
+from hpcinv.base.quantity.units import readable
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.regions import BOUNDARY
 from hpcinv.mesh.source import Floats
 from hpcinv.model.rigid_motions import Frame, rounded_direction
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.spatial_fields import ByFormula, fields_in
-from hpcinv.quantity.units import readable
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Equilibrium
 

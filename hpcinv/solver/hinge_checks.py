@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from dolfinx import fem, la
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.units import length_symbol
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
+from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
 from hpcinv.model.supports import Supports
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.quantity.units import length_symbol
 from hpcinv.solver.spring_stiffness import stiffness_of
 from hpcinv.solver.support_checks import node_labels, parts_of
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import dot, norm
+from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.solver.bordering import BorderedTangent, Bordering, Corrected
 
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.malloc import release_freed_memory
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.unlocked_petsc import set_up, solve
+from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.malloc import release_freed_memory
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.unlocked_petsc import set_up, solve
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.linear.iterative import Iterative

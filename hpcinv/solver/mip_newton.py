@@ -28,9 +28,9 @@ from dolfinx import fem
 from petsc4py import PETSc
 from ufl.classes import Zero
 
-from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent_moduli import Term
-from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.model.assembly.system import System
+from hpcinv.model.assembly.tangent_moduli import Term
+from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.solver.predictor import Increment
 
 

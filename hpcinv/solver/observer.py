@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.remote_loads import RemoteReport
-from hpcinv.parallel.runtime import MPI
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration, Solve
 

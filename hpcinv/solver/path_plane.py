@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import dot
+from hpcinv.base.parallel.petsc_vectors import dot
 
 
 @dataclass

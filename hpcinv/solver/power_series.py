@@ -27,8 +27,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.arrays import Floats
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Floats
 
 _GROWTH = 1.05  # factor between parameters that are tried; the range is short of its end by this factor at most
 _FARTHEST = 50.0  # times the range of the polynomials, up to which Padé approximants are tried

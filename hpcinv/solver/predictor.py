@@ -10,12 +10,12 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.linear_solver import LinearSolver
 

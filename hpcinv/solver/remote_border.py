@@ -15,11 +15,11 @@ from functools import partial
 import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.model.remote_loads import RemoteReport
-from hpcinv.quantity.nondimensional import Scales
 from hpcinv.solver.border import Border
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from dolfinx.fem import Function
 from petsc4py import PETSc
 
-from hpcinv.assembly.taylor_residual import TaylorResidual
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.quantity.arrays import Floats
+from hpcinv.model.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.points.scalar_graph import NotAnalytic
-from hpcinv.quantity.arrays import Floats
+from hpcinv.physics.points.scalar_graph import NotAnalytic
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium

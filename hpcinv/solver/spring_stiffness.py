@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.assembly.system import System
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 
 _SMALL = 1e-7  # size of motions that are rigid to rounding errors
 

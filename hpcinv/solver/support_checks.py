@@ -8,7 +8,8 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.runtime import MPI, agree, on_root
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
@@ -19,11 +20,10 @@ from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
+from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
 from hpcinv.model.sliding import Slide
 from hpcinv.model.supports import Prescribed, Supports
-from hpcinv.parallel.runtime import MPI, agree, on_root
-from hpcinv.quantity.arrays import LocalIndices
 from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message

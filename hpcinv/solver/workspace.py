@@ -13,15 +13,15 @@ from typing import cast
 
 from petsc4py import PETSc
 
+from hpcinv.base.files.inputs import changed_inputs
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import HpcinvError
-from hpcinv.files.inputs import changed_inputs
 from hpcinv.job.job import Job
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.reuse_key import body_key, reuse_group_of, structure_of
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from pytest_mpi.plugin import CHILD_PROCESS_FLAG
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 SYSTEM = Path(__file__).parents[1] / "system"
 LARGEST = 110

@@ -7,10 +7,10 @@ from typing import Any
 
 from mpmath import mp
 
-from hpcinv.cards.card import Counterpart
+from hpcinv.base.quantity.expressions import LET, Expression
+from hpcinv.formats.cards.card import Counterpart
 from hpcinv.job.definitions import resolve
-from hpcinv.materials import MaterialLaw, laws
-from hpcinv.quantity.expressions import LET, Expression
+from hpcinv.physics.materials import MaterialLaw, laws
 
 MPMATH = {name: getattr(mp, name) for name in ("exp", "ln", "sqrt")} | {"max": max, "min": min}
 AXES = {"a": (0.6, 0.8, 0.0), "b": (-0.8, 0.6, 0.0), "c": (0.0, 0.0, 1.0)}

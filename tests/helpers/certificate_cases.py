@@ -6,8 +6,8 @@ from typing import Any
 
 from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
-from hpcinv.certificate import Line
 from hpcinv.output.result import Result
+from hpcinv.trust.certificate import Line
 
 ESTIMATE = NO_CERTIFICATE | {"estimate": True}
 

@@ -19,7 +19,7 @@ import yaml
 
 from helpers.silicone_beam import beam
 from hpcinv.__main__ import main
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[2]
 MPIRUN = Path(sys.executable).parent / "mpirun"

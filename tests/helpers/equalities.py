@@ -19,13 +19,13 @@ from scipy.spatial import cKDTree
 import hpcinv
 from helpers.command_line import NO_CERTIFICATE
 from helpers.mesh_cases import write_msh22
-from hpcinv.effects import effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job, parse
-from hpcinv.materials import laws
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.units import Dimension
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
 from hpcinv.solver.workspace import Workspace
 
 MODULUS = 30e3  # Pa: of the body for which the examples of effects are meant

@@ -15,7 +15,13 @@ from typing import Any
 from hpcinv.mesh.io import isolated
 
 LIBRARIES = ("vtkmodules.vtkIOXML", "vtkmodules.vtkIOGeometry", "vtkmodules.vtkIOPLY", "vtkmodules.vtkIOLegacy")
-PACKAGES = ("pydicom", "SimpleITK", "hpcinv.reading.nifti", "hpcinv.reading.voxel_files", "hpcinv.reading.surfaces")
+PACKAGES = (
+    "pydicom",
+    "SimpleITK",
+    "hpcinv.base.reading.nifti",
+    "hpcinv.base.reading.voxel_files",
+    "hpcinv.base.reading.surfaces",
+)
 MEMORY, SECONDS, PATIENCE = 2 << 30, 20, 60
 """limits of the forks: bytes, seconds of processor time, and on the clock"""
 RUN_ISOLATED = isolated.run_isolated
@@ -32,7 +38,7 @@ def load_libraries() -> None:
 
 def run_forked(action: str, path: Path, receive: Any = None) -> subprocess.CompletedProcess[bytes]:
     """Replacement of `isolated.run_isolated`; ``AssertionError`` if the program prints a traceback."""
-    from hpcinv.reading.isolated_reader import main
+    from hpcinv.base.reading.isolated_reader import main
 
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors, warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which do nothing here

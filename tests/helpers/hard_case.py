@@ -9,11 +9,11 @@ from typing import Any
 
 import hpcinv
 from helpers.command_line import NO_CERTIFICATE
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 JOBS = Path(__file__).parents[2] / "jobs" / "hard"
 

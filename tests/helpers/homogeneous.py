@@ -8,8 +8,8 @@ import numpy as np
 
 from helpers.closed_forms import MU, NEO_HOOKEAN
 from helpers.verification import Solved, box, job
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.quadrature_values import CellMeans
-from hpcinv.parallel.runtime import MPI
 
 SYMMETRY = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
 

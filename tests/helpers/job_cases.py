@@ -8,7 +8,7 @@ from typing import Any
 from hpcinv.job.job import Job
 
 GENERATOR = """
-from hpcinv.quantity import Length
+from hpcinv.base.quantity import Length
 def build(gmsh, *, length: Length = 0.182, size: Length = 2e-3) -> None: ...
 """
 BEAM = """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.ledger import CaseState, Ledger
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import CaseState, Ledger
 
 KEY, OTHER = "ab" + 18 * "0", "ab" + 18 * "1"
 DONE = CaseRecord("converged", "", {"quantities": {"length": 0.1}}, 1.5, 1)

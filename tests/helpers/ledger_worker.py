@@ -16,10 +16,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Claim, Ledger
-from hpcinv.parallel import processes
+from hpcinv.base.parallel import processes
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
 
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}
 

@@ -11,10 +11,10 @@ import numpy as np
 import pyvista
 
 from helpers.mesh_cases import spec
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, vtk_order
 from hpcinv.mesh.io.vtu import VTK_TYPES
-from hpcinv.parallel.runtime import MPI
 
 GRADIENT = np.random.default_rng(1).normal(size=(9, 3))
 OFFSET = np.arange(9.0)

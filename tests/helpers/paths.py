@@ -8,12 +8,12 @@ import numpy as np
 
 from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, root
 from helpers.verification import HERE, box, job
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.methods import DirectMethod
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import DirectMethod
 from hpcinv.solver.newton import Solve
 
 # An octant of a thick sphere.

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from helpers.batches import IN_BATCH, Batch
-from hpcinv.parallel import jit
+from hpcinv.base.parallel import jit
 
 START = "(start of processes)"
 """What a process takes until its tests are collected."""

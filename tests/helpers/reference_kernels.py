@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import dolfinx.jit
 
-from hpcinv.points.kernels import compiled_by_ffcx
+from hpcinv.physics.points.kernels import compiled_by_ffcx
 
 
 @contextmanager

@@ -9,11 +9,11 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 

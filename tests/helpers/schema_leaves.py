@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeAliasType, Union, get_args, get_origin, get_type_hints
 
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.quantity import Measured
+from hpcinv.base.quantity.schema import OneOf, Spec, members_of
+from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, ByRegion, VaryingQuantity
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.region_rules import RegionUnion, SmoothFace, VertexSet
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.quantity import Measured
-from hpcinv.quantity.schema import OneOf, Spec, members_of
-from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, VaryingQuantity
-from hpcinv.quantity.units import Dimension
 
 type Place = tuple[str, ...]
 

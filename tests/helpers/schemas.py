@@ -8,10 +8,10 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 
+from hpcinv.base.quantity.schema import Spec
 from hpcinv.job.job import Job, json_schema
-from hpcinv.quantity.schema import Spec
-from hpcinv.study.study_spec import Study
-from hpcinv.sweep.sweep_spec import Sweep
+from hpcinv.studies.study.study_spec import Study
+from hpcinv.studies.sweep.sweep_spec import Sweep
 
 
 @cache

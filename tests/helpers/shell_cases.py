@@ -7,8 +7,8 @@ import numpy as np
 
 import hpcinv
 from helpers.sheets import Place
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 YOUNG = 1.2e6
 LINEAR = {"law": "st-venant-kirchhoff", "young": YOUNG, "poisson": 0.0}

@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.predictor import Increment
 

@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from helpers.command_line import COLUMN
-from hpcinv.study.study_plan import StudyPlan, load_study
+from hpcinv.studies.study.study_plan import StudyPlan, load_study
 
 STUDY: dict[str, Any] = {
     "job": "column.yaml",

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.study.study_batch import StudySchedule, StudyTask
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.study.study_batch import StudySchedule, StudyTask
 
 # What is next, and what is made of it, with made-up records
 

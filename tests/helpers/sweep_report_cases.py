@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from helpers.sweeps import write_sweep
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 MU, DENSITY = "material.mu", "effects[0].density"
 NO_EQUILIBRIUM = "no equilibrium"

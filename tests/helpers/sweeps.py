@@ -9,9 +9,9 @@ from typing import Any
 import yaml
 
 from helpers.command_line import BLOCK
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 
 def write_sweep(directory: Path, axes: list[dict[str, Any]], *, job: Mapping[str, Any] = BLOCK, **more: Any) -> Path:

@@ -11,16 +11,16 @@ import ufl
 from dolfinx import fem
 
 from helpers.command_line import NO_CERTIFICATE
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
-from hpcinv.methods import solve_direction
-from hpcinv.methods.method import UNLOADED
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import UNLOADED
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
 

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from hpcinv import reading
+from hpcinv.base import reading
 from hpcinv.mesh.io import isolated
 
 PROGRAM = str(Path(reading.__file__).with_name("isolated_reader.py"))

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from hpcinv.assembly import csr_tangent, tangent_product, taylor_residual
-from hpcinv.parallel.jit import NoLibrary
-from hpcinv.points import interpreter
+from hpcinv.base.parallel.jit import NoLibrary
+from hpcinv.model.assembly import csr_tangent, tangent_product, taylor_residual
+from hpcinv.physics.points import interpreter
 
 
 def _refuse(*_arguments: Any, **_further: Any) -> Any:

@@ -11,10 +11,10 @@ from dolfinx import fem
 from helpers.mesh_cases import spec
 from helpers.solutions import corners
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
 from hpcinv.model.quadrature_values import CellMeans, QuadratureValues
-from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2])

@@ -14,10 +14,10 @@ from helpers.checkpoints import PROBLEM, fields
 from helpers.mesh_cases import spec
 from helpers.solutions import SOLVES
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import CheckpointError
 from hpcinv.mesh import Body, build_body
 from hpcinv.output.checkpoint import _FORMAT, Checkpoints, Position, functions_digest
-from hpcinv.parallel.runtime import MPI
 
 DAMAGED = "functions.bp or state.json is damaged"
 BOX = {"nx": 3, "ny": 2, "nz": 2}

@@ -12,10 +12,10 @@ import SimpleITK
 from helpers.solutions import made_up
 from helpers.verification import HERE
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body, write_mesh
-from hpcinv.parallel.runtime import MPI
 from hpcinv.results.shape_distance import closure, differences, distance, read_expected
 
 

@@ -10,9 +10,9 @@ import pytest
 from helpers.command_line import CUBE, hpcinv_here, write_job
 from helpers.verification import box, job
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.cli.explain import show
 from hpcinv.cli.form_costs import Explanation, PartCosts, explain
-from hpcinv.parallel.runtime import MPI
 
 PRESSURE = {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}

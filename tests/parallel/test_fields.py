@@ -11,10 +11,10 @@ from helpers.mesh_cases import spec
 from helpers.solutions import Field, cell_values, made_up
 
 import hpcinv.mesh.io.vtu_writer
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import OutputError
 from hpcinv.mesh import MeshSource, build_body
 from hpcinv.output.vtk import write_fields
-from hpcinv.parallel.runtime import MPI, on_root
 
 
 def bending(x: np.ndarray) -> np.ndarray:

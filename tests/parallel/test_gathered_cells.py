@@ -11,10 +11,10 @@ import pytest
 from dolfinx import fem
 from helpers.mesh_cases import spec
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells, Places
-from hpcinv.parallel.runtime import MPI
 
 BEAM = {"length": "30 mm"}
 BOX = {"lx": 3.0, "ly": 1.0, "lz": 1.0}

@@ -11,10 +11,10 @@ import pytest
 from helpers.mesh_cases import conditions, spec
 from helpers.solutions import made_up
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import MeshSource, build_body
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.quantities_of_interest import check_points, evaluate, fault_of
 
 RADIUS = 4.25e-3

@@ -17,17 +17,17 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
 
 import hpcinv
-from hpcinv.accuracy.trial import guess_from
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
-from hpcinv.methods.nested_iteration import _transferred
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.checkpoint import Checkpoints, Position
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods.nested_iteration import _transferred
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.accuracy.trial import guess_from
 
 CELLS = pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron], ids=lambda cell: cell.name)
 LAYERED = {

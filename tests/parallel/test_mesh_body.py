@@ -12,6 +12,7 @@ import pytest
 from helpers.mesh_cases import conditions, spec
 from helpers.partitions import facet_sets, input_vertex_sets, owners, slow_edge_cut
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import OutputError
 from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec
@@ -19,7 +20,6 @@ from hpcinv.mesh import Body, build_body, read_source, reorder_to_source, write_
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import metis
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.preparation import is_cut_held_or_loaded
 
 TWO_BLOCKS = """

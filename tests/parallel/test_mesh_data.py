@@ -17,13 +17,13 @@ import pyvista
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from helpers.mesh_data_files import ARRAYS, block, linear, write
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body, build_body, read_source, write_mesh
 from hpcinv.mesh.cells import coordinate_element, scalar_element
 from hpcinv.mesh.data import as_function, distribute
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import DataArray
-from hpcinv.parallel.runtime import MPI, on_root
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

@@ -15,19 +15,19 @@ from helpers.verification import box, deform, job
 from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
-from hpcinv.assembly import tangent_product
-from hpcinv.assembly.moduli_at_points import moduli_at_points
-from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent_moduli import UnsupportedForm
-from hpcinv.assembly.tangent_product import TangentProduct, extension
-from hpcinv.certificate.discretisation_error import one_degree_more
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
 from hpcinv.mesh.cells import quadrature
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.integrands import Integrand
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.model.assembly import tangent_product
+from hpcinv.model.assembly.moduli_at_points import moduli_at_points
+from hpcinv.model.assembly.system import System
+from hpcinv.model.assembly.tangent_moduli import UnsupportedForm
+from hpcinv.model.assembly.tangent_product import TangentProduct, extension
+from hpcinv.physics.points.integrands import Integrand
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.discretisation_error import one_degree_more
 
 MIXED: dict[str, Any] = {
     "analysis": "inverse",

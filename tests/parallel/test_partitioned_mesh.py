@@ -21,6 +21,7 @@ from helpers.solutions import SOLVES
 
 import hpcinv
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.formats.partitioned_header import HEADER
 from hpcinv.job.fingerprint import fingerprint
@@ -33,7 +34,6 @@ from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray, Group
 from hpcinv.output.checkpoint import Checkpoints, Position
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.support_checks import parts_of
 
 CLOSE = 1e-12

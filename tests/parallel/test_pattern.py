@@ -10,10 +10,10 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import CellType, create_unit_cube
 
-from hpcinv.assembly.pattern import pattern_of
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.model.assembly.pattern import pattern_of
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 
 @pytest.mark.parallel([1, 2, 3])

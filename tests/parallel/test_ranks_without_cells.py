@@ -6,7 +6,7 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2, 3])

@@ -13,12 +13,12 @@ from helpers.mesh_cases import spec
 from helpers.verification import HERE, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import check_same_problem, fingerprint
 from hpcinv.mesh.body import build_body, local_node_values, read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import MPI, on_root
 
 RANKS = [1, 2]
 

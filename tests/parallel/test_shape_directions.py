@@ -10,10 +10,10 @@ import pyvista
 from helpers.mesh_cases import spec
 from helpers.solutions import made_up
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body, build_body, read_source, write_mesh
 from hpcinv.output.vtk import write_fields
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.results.cell_middles import unit_vectors
 from hpcinv.results.shape_directions import shape_directions
 

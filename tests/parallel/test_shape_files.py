@@ -10,6 +10,7 @@ import pytest
 from helpers.mesh_cases import spec
 from scipy.spatial import cKDTree
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import OutputError
 from hpcinv.formats import FORMATS, SAVED
 from hpcinv.mesh import Body, build_body, write_mesh
@@ -18,7 +19,6 @@ from hpcinv.mesh.mesh_files import left_out
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.output.shape_files import ShapeFile, lines_of, notes_of
-from hpcinv.parallel.runtime import MPI, on_root
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

@@ -10,13 +10,13 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import two_level
-from hpcinv.certificate.forward_factors import ForwardFactors
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
-from hpcinv.methods import nested_iteration
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.methods import nested_iteration
+from hpcinv.trust.certificate import two_level
+from hpcinv.trust.certificate.forward_factors import ForwardFactors
 
 
 class StopAt:

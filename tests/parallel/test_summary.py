@@ -15,10 +15,10 @@ import pytest
 from helpers.solutions import made_up
 from helpers.verification import HERE
 
-from hpcinv.certificate import Certificate, Estimate, skipped, upper_bound_line
-from hpcinv.certificate.equilibrium_residual import EQUILIBRIUM
-from hpcinv.certificate.layer_errors import LayerError
-from hpcinv.certificate.overlap import OVERLAP
+from hpcinv.base.parallel.malloc import release_freed_memory
+from hpcinv.base.parallel.memory_use import peak, resident
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse
@@ -26,10 +26,10 @@ from hpcinv.mesh import build_body
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.output.summary import statistics, write_summary
-from hpcinv.parallel.malloc import release_freed_memory
-from hpcinv.parallel.memory_use import peak, resident
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.trust.certificate import Certificate, Estimate, skipped, upper_bound_line
+from hpcinv.trust.certificate.equilibrium_residual import EQUILIBRIUM
+from hpcinv.trust.certificate.layer_errors import LayerError
+from hpcinv.trust.certificate.overlap import OVERLAP
 
 ROOT = Path(__file__).parents[2]
 NOT_OF_EVERY_JOB = {

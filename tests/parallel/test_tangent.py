@@ -14,13 +14,13 @@ from helpers.verification import box, deform, job
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.assembly.system import System
-from hpcinv.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
-from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.model.assembly.system import System
+from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
+from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {

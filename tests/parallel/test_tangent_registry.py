@@ -1,6 +1,6 @@
 """Every law, effect and configuration of fibres has moduli, which make up the tangent of a large mesh.
 
-Large meshes take another path than small ones (`hpcinv.assembly.tangent`); here small ones take both. Residual and
+Large meshes take another path than small ones (`hpcinv.model.assembly.tangent`); here small ones take both. Residual and
 tangent must agree with the forms that FFCx compiles. All laws are in one weak form, each in a slab of a bar, and all
 effects in another one.
 """
@@ -21,19 +21,19 @@ from helpers.verification import BOX, box, job
 from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
-from hpcinv.assembly.moduli_at_points import moduli_at_points
-from hpcinv.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.driver import run
-from hpcinv.effects import effects
 from hpcinv.errors import SystemPartMissing
 from hpcinv.job.job import Job, parse
-from hpcinv.materials import laws
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.moduli_at_points import moduli_at_points
+from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
 from hpcinv.output.progress import Progress
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points import kernels
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
+from hpcinv.physics.points import kernels
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 HERE = Path(__file__).parents[1]
@@ -166,8 +166,8 @@ SECOND_GRADIENT = '''
 from typing import Any, Literal
 
 import ufl
-from hpcinv.effects import Effect
-from hpcinv.quantity import Stress
+from hpcinv.physics.effects import Effect
+from hpcinv.base.quantity import Stress
 
 
 class SecondGradient(Effect):

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from helpers.command_line import BLOCK, ROOT, hpcinv_here, write_job
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.units import readable
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.units import readable
 from hpcinv.results.totals import Totals, totals_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.workspace import Workspace

@@ -9,9 +9,9 @@ import pytest
 from dolfinx import fem
 from helpers.mesh_cases import spec
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import build_body
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parallel([1, 2])

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from helpers.study_runs import Begin
 
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
-from hpcinv.study.directory import STORE, StudyDirectory
-from hpcinv.study.study_batch import StudySchedule
-from hpcinv.study.study_plan import StudyPlan
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.study.directory import STORE, StudyDirectory
+from hpcinv.studies.study.study_batch import StudySchedule
+from hpcinv.studies.study.study_plan import StudyPlan
 
 
 @pytest.fixture

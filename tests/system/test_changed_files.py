@@ -11,17 +11,17 @@ import yaml
 from helpers.command_line import NO_CERTIFICATE
 
 from hpcinv.__main__ import main
+from hpcinv.base.files.inputs import changed_inputs
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, JobError
-from hpcinv.files.inputs import changed_inputs
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.sweep_interface import sweep
+from hpcinv.studies.sweep.sweep_interface import sweep
 
 BLOCK = """
 {head}

@@ -14,14 +14,14 @@ from helpers.command_line import BLOCK, CUBE, NO_CERTIFICATE, ROOT, environment,
 
 import hpcinv as api
 from hpcinv.__main__ import main
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 UNREACHABLE: dict[str, Any] = {"solver": {"strategy": "fixed", "steps": 2, "maximum_iterations": 1}}
 
 # Something goes wrong on rank 1 alone, while rank 0 waits for it.
 ON_RANK_1 = """
 import sys
-from hpcinv.parallel import runtime
+from hpcinv.base.parallel import runtime
 from hpcinv.errors import MeshError
 from hpcinv.solver.equations import Equations
 from hpcinv.__main__ main

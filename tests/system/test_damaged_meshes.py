@@ -13,6 +13,7 @@ import pytest
 from helpers.command_line import environment, hpcinv
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
+from hpcinv.base.parallel import jit
 from hpcinv.errors import MeshError
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh.body import read_source
@@ -20,7 +21,6 @@ from hpcinv.mesh.checks import check
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.isolated import run_isolated
 from hpcinv.mesh.mesh_files import save
-from hpcinv.parallel import jit
 
 VTU = """<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">

@@ -14,7 +14,7 @@ import yaml
 from helpers.command_line import BLOCK, hpcinv, write_job
 
 from hpcinv.__main__ import main
-from hpcinv.dossier.context import OPEN, DossierContext
+from hpcinv.studies.dossier.context import OPEN, DossierContext
 
 JOB: Mapping[str, Any] = BLOCK | {
     "analysis": "inverse",

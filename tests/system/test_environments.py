@@ -88,7 +88,7 @@ def test_a_rank_that_ends_first_leaves_time_to_the_others(tmp_path: Path) -> Non
     script.write_text(
         "import time\n"
         "from pathlib import Path\n"
-        "from hpcinv.parallel.ranks import MPI\n"
+        "from hpcinv.base.parallel.ranks import MPI\n"
         "if MPI.COMM_WORLD.rank == 1:\n"
         "    time.sleep(1.0)\n"
         "    Path('last.txt').write_text('written')\n"

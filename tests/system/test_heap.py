@@ -10,17 +10,17 @@ import pytest
 from helpers.command_line import environment
 
 SCRIPT = """
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 import numpy as np
-from hpcinv.parallel.memory_use import resident
-from hpcinv.parallel.available_memory import available
+from hpcinv.base.parallel.memory_use import resident
+from hpcinv.base.parallel.available_memory import available
 before = resident()
 block = np.ones(25_000_000)
 full = resident()
 wall = np.ones(100)  # what comes after in the heap must not be what keeps it
 del block
 kept = resident()
-available(hpcinv.parallel.runtime.MPI.COMM_WORLD)
+available(hpcinv.base.parallel.runtime.MPI.COMM_WORLD)
 print(full - before, kept - before, resident() - before)
 """
 
@@ -35,7 +35,7 @@ def test_freed_memory_is_kept_until_it_is_given_back() -> None:
 
 
 PAGES = """
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 import numpy as np
 block = np.ones(4_000_000)
 at, inside, found = block.ctypes.data + block.nbytes // 2, False, None

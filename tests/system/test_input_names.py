@@ -87,7 +87,7 @@ def test_exceptions_of_a_plugin_are_reported_with_their_line(job: Path, code: st
 def test_exceptions_in_the_check_of_a_plugin_law_are_reported_with_their_line(job: Path) -> None:
     (job.parent / "plugin.py").write_text(
         "from typing import ClassVar, Literal\n"
-        "from hpcinv.effects.effect import Effect\n"
+        "from hpcinv.physics.effects.effect import Effect\n"
         "class Wrong(Effect):\n"
         "    example: ClassVar = {'effect': 'raises-key-error'}\n"
         "    effect: Literal['raises-key-error'] = 'raises-key-error'\n"

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from helpers.command_line import COLUMN, command, environment, write_job
 
-from hpcinv.parallel.imports import imports_explained
-from hpcinv.parallel.runtime import DOLFINX
+from hpcinv.base.parallel.imports import imports_explained
+from hpcinv.base.parallel.runtime import DOLFINX
 from hpcinv.version import __version__
 
 ROOT = Path(__file__).parents[2]

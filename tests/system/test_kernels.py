@@ -23,9 +23,9 @@ import basix.ufl
 import pytest
 from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
 
+from hpcinv.base.parallel import kernel_files, ownership
+from hpcinv.base.parallel.jit import refuse_foreign
 from hpcinv.errors import OutputError
-from hpcinv.parallel import kernel_files, ownership
-from hpcinv.parallel.jit import refuse_foreign
 
 SMALL: Mapping[str, Any] = {
     **CUBE,
@@ -34,7 +34,7 @@ SMALL: Mapping[str, Any] = {
     "output": {"fields": False, "mesh": []},
 }
 # The command line with another release of DOLFINx.
-OTHER_RELEASE = """import hpcinv.parallel.runtime, dolfinx, runpy, sys
+OTHER_RELEASE = """import hpcinv.base.parallel.runtime, dolfinx, runpy, sys
 dolfinx.__version__ = "0.99.0"
 sys.argv[0] = "hpcinv"
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
@@ -214,7 +214,7 @@ def test_programs_that_cannot_be_relied_on_are_made_again(job: Path, kernels: Pa
 
 LIMITED = """
 import resource, runpy
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 resource.setrlimit(resource.RLIMIT_FSIZE, (900_000, 900_000))
 runpy.run_module("hpcinv", run_name="__main__")
 """
@@ -253,7 +253,7 @@ def test_without_locks_kernels_are_compiled_all_the_same(tmp_path: Path, monkeyp
 HOLD = """
 import sys
 from pathlib import Path
-from hpcinv.parallel.kernel_files import locked
+from hpcinv.base.parallel.kernel_files import locked
 with locked(Path(sys.argv[1]), "a"):
     print("holds", flush=True)
     sys.stdin.read()

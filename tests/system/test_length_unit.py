@@ -11,10 +11,10 @@ from helpers.command_line import BLOCK, ROOT, hpcinv_here, write_job
 from helpers.mesh_cases import spec, write_msh22
 from mpi4py import MPI
 
+from hpcinv.base.quantity.units import length_symbol
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source, write_mesh
 from hpcinv.mesh.io.gmsh_model import session
-from hpcinv.quantity.units import length_symbol
 
 BOX: dict[str, Any] = {
     "file": str(ROOT / "meshes" / "box.py"),

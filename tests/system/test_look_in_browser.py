@@ -18,10 +18,10 @@ from helpers.command_line import Started
 from selenium.webdriver.support.ui import WebDriverWait
 
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import load
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = needs_browser
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -142,7 +142,7 @@ def test_regions_loads_and_the_section_are_seen(page: Page) -> None:
 
 
 def test_entries_are_written_where_a_job_has_them() -> None:
-    from hpcinv.reports.job_text import place_of_entries
+    from hpcinv.pages.reports.job_text import place_of_entries
 
     for text, style in (
         ("mesh: {file: a.msh}\nregions:\n    top: 'z > 1'\nmaterial: {}\n", "block"),

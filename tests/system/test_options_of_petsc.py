@@ -13,9 +13,9 @@ from helpers.command_line import BLOCK, CUBE, hpcinv, hpcinv_here, write_job
 from petsc4py import PETSc
 
 from hpcinv import load, run
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.factorization import Direct
 
 REFUSED: list[tuple[dict[str, Any], str]] = [

@@ -15,9 +15,9 @@ from helpers.command_line import ROOT, hpcinv, write_job
 PLUGIN = """
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects import Effect
-from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.quantity import Acceleration, DensityField, ModulusField, Triple
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.materials.isochoric import IsochoricLaw
+from hpcinv.base.quantity import Acceleration, DensityField, ModulusField, Triple
 
 
 class Gel(IsochoricLaw):

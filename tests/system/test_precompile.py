@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from helpers.command_line import BLOCK, CUBE, ROOT, environment, hpcinv, write_job
 
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.expressions import Expression
 from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.sample_mesh import HELD, sample_body
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.expressions import Expression
 
 # All that a run may compute, in one job.
 EVERYTHING: Mapping[str, Any] = {
@@ -90,7 +90,7 @@ def test_a_directory_that_cannot_be_is_reported(tmp_path: Path) -> None:
 
 def test_flags_of_the_environment_give_kernels_of_their_own(tmp_path: Path) -> None:
     def flags(**env: str) -> str:
-        code = "from hpcinv.parallel.jit import JIT_OPTIONS; print(JIT_OPTIONS['cffi_extra_compile_args'])"
+        code = "from hpcinv.base.parallel.jit import JIT_OPTIONS; print(JIT_OPTIONS['cffi_extra_compile_args'])"
         command = [sys.executable, "-c", code]
         return subprocess.run(command, env=environment(**env), cwd=tmp_path, check=True, capture_output=True).stdout
 
@@ -118,8 +118,8 @@ def test_a_specimen_has_a_cell_of_each_kind_apart_from_the_others() -> None:
 
 
 def test_meanings_are_those_in_the_source() -> None:
-    from hpcinv.effects import effects
     from hpcinv.job.settings import Solver
+    from hpcinv.physics.effects import effects
 
     assert meanings(Solver)["petsc"] == "PETSc options by name, without the dash"
     gravity = meanings(effects()["gravity"])

@@ -14,11 +14,11 @@ from helpers.command_line import BLOCK, NO_CERTIFICATE, write_job
 
 import hpcinv
 from hpcinv.__main__ import main
+from hpcinv.base.files.atomic import replace
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
-from hpcinv.files.atomic import replace
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.parallel.runtime import MPI
-from hpcinv.pictures.drawing import Picture
+from hpcinv.pages.pictures.drawing import Picture
 
 DENSITY = "effects[0].density"
 

@@ -11,7 +11,7 @@ import pytest
 from helpers.browser import Page, needs_browser, opened
 from helpers.run_directories import STRESS, run_directory
 
-from hpcinv.reports.run_page import write_run_report
+from hpcinv.pages.reports.run_page import write_run_report
 
 pytestmark = needs_browser
 VON_MISES = float(np.sqrt(1.5) * np.linalg.norm(STRESS - np.eye(3) * np.trace(STRESS) / 3))  # Pa

@@ -14,14 +14,14 @@ from helpers.studies import plan as study_plan
 from helpers.sweeps import finish
 
 from hpcinv.__main__ import main
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.study.directory import STORE, StudyDirectory
-from hpcinv.study.study_batch import StudySchedule, StudyTask
-from hpcinv.study.study_page import write_study_report
-from hpcinv.sweep.sweep_page import write_sweep_report
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.study.directory import STORE, StudyDirectory
+from hpcinv.studies.study.study_batch import StudySchedule, StudyTask
+from hpcinv.studies.study.study_page import write_study_report
+from hpcinv.studies.sweep.sweep_page import write_sweep_report
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 COUNT = 8
 JOB: dict[str, Any] = {

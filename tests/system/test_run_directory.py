@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from helpers.command_line import BLOCK, CUBE, Started, hpcinv_here, write_job
 
+from hpcinv.base.files import atomic, directory_lock
+from hpcinv.base.files.directory_lock import DirectoryLock
 from hpcinv.errors import CheckpointError, OutputError
-from hpcinv.files import atomic, directory_lock
-from hpcinv.files.directory_lock import DirectoryLock
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, load
 from hpcinv.output.run_directory import RunDirectory
@@ -164,7 +164,7 @@ def test_the_lock_of_a_dead_process_does_not_last(
     script = f"""
 import os, signal
 from pathlib import Path
-from hpcinv.files import directory_lock
+from hpcinv.base.files import directory_lock
 if not {locks}:
     def no_locks(*_):
         raise OSError(95, "Operation not supported")

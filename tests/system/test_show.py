@@ -10,7 +10,7 @@ import pyvista
 from helpers.command_line import BLOCK, NO_CERTIFICATE, hpcinv_here, write_job
 from helpers.run_directories import run_directory
 
-from hpcinv.pictures.drawing import DrawnBody, View, figure, thumbnail
+from hpcinv.pages.pictures.drawing import DrawnBody, View, figure, thumbnail
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BLUE, ORANGE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)

@@ -14,7 +14,7 @@ import pytest
 from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 from helpers.sweeps import records_of, write_sweep
 
-from hpcinv.certificate import checks
+from hpcinv.trust.certificate import checks
 
 # One rank sends itself a signal when a function of hpcinv is called.
 SENDING = """
@@ -55,9 +55,9 @@ runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 # A check sends a signal to its own process, and goes on for minutes.
 BUSY = """
 import os, runpy, signal, sys, time
-import hpcinv.parallel.runtime
-import hpcinv.certificate.overlap
-import hpcinv.parallel.signals
+import hpcinv.base.parallel.runtime
+import hpcinv.trust.certificate.overlap
+import hpcinv.base.parallel.signals
 
 def busy(*_):
     os.kill(os.getpid(), signal.SIGTERM)
@@ -65,8 +65,8 @@ def busy(*_):
     while time.monotonic() - begun < 300:
         time.sleep(100)
 
-hpcinv.parallel.signals.PATIENCE = 1.0
-hpcinv.certificate.overlap.OverlapCheck.lines = busy
+hpcinv.base.parallel.signals.PATIENCE = 1.0
+hpcinv.trust.certificate.overlap.OverlapCheck.lines = busy
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 CERTIFIED: dict[str, Any] = {"certificate": {}, "checkpoint": {"every": 100}}
@@ -111,7 +111,7 @@ CHECKS = [f"{check.__module__}.{check.__name__}.lines" for check in checks() if 
 
 @pytest.mark.parametrize(
     ("where", "ranks"),
-    [*((where, 1) for where in CHECKS), ("hpcinv.certificate.discretisation_check.estimate", 2)],
+    [*((where, 1) for where in CHECKS), ("hpcinv.trust.certificate.discretisation_check.estimate", 2)],
 )
 def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
     where: str, ranks: int, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -150,7 +150,7 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
 def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
     with monkeypatch.context() as patch:
-        send_at("hpcinv.certificate.overlap.OverlapCheck.lines", patch)
+        send_at("hpcinv.trust.certificate.overlap.OverlapCheck.lines", patch)
         stopped = hpcinv_here("run", job, "--output", "run", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stderr
     done = hpcinv_here("resume", "run", "--certificate", "quick", cwd=tmp_path)
@@ -182,7 +182,7 @@ def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_aga
 ) -> None:
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, **CERTIFIED})
     with monkeypatch.context() as patch:
-        send_at("hpcinv.certificate.overlap.OverlapCheck.lines", patch)
+        send_at("hpcinv.trust.certificate.overlap.OverlapCheck.lines", patch)
         stopped = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert stopped.returncode == 75, stopped.stdout + stopped.stderr
     assert [*records_of(sweep).values()] == [None]
@@ -193,7 +193,7 @@ def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_aga
         assert load == 1.0  # a solve of the job, rather than of its certificate
         return []
 
-    monkeypatch.setattr("hpcinv.methods.direct_method.reach", reach_nothing)
+    monkeypatch.setattr("hpcinv.solver.methods.direct_method.reach", reach_nothing)
     done = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     (record,) = records_of(sweep).values()

@@ -67,7 +67,7 @@ def test_a_signal_while_a_mesh_is_made_ends_the_run(
 BEFORE_GMSH = """
 import os, runpy, signal
 import hpcinv.mesh.io.gmsh_model as gmsh_model
-import hpcinv.parallel.signals
+import hpcinv.base.parallel.signals
 
 load = gmsh_model._load
 
@@ -76,7 +76,7 @@ def load_and_send():
     os.kill(os.getpid(), signal.SIGTERM)
     return gmsh
 
-hpcinv.parallel.signals._GRACE = 0.1
+hpcinv.base.parallel.signals._GRACE = 0.1
 gmsh_model._load = load_and_send
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
@@ -113,7 +113,7 @@ if "pytest" not in sys.modules:  # the test reads the job, too
 def with_slow_reader(directory: Path, suffix: str) -> tuple[dict[str, Any], Path]:
     """A job with a mesh in a file and a slow reader of it, and the file that the reader makes when it begins."""
     slow, mark = directory / "slow_reader.py", directory / "reading"
-    reader = ROOT / "hpcinv" / "reading" / "isolated_reader.py"
+    reader = ROOT / "hpcinv" / "base" / "reading" / "isolated_reader.py"
     slow.write_text(SLOW_READER.format(mark=str(mark), reader=str(reader)))
     plugin = directory / "plugin.py"
     plugin.write_text(STARTING_SLOW_READER.format(slow=str(slow)))
@@ -188,15 +188,15 @@ def test_a_signal_while_a_process_reads_the_mesh_of_a_case_leaves_the_case_open(
 # It marks when the first of our own modules is loaded; what Python does before that is out of reach.
 MARKING = """
 import pathlib, runpy, sys
-import hpcinv.parallel.signals
+import hpcinv.base.parallel.signals
 
-note = hpcinv.parallel.signals.note_while_starting
+note = hpcinv.base.parallel.signals.note_while_starting
 
 def note_and_mark():
     note()
     pathlib.Path(sys.argv.pop(1)).touch()
 
-hpcinv.parallel.signals.note_while_starting = note_and_mark
+hpcinv.base.parallel.signals.note_while_starting = note_and_mark
 runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
 """
 

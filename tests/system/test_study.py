@@ -13,16 +13,16 @@ from helpers.studies import STUDY, plan
 from helpers.study_runs import BAD, Begin, drain, good, records_in, reused
 
 from hpcinv.__main__ import main
-from hpcinv.batch.task import Pause
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.study.directory import StudyDirectory
-from hpcinv.study.result_rows import rows_of
-from hpcinv.study.study_batch import StudyRunner, StudyTask
+from hpcinv.physics.points.kernels import JIT_OPTIONS
+from hpcinv.studies.batch.task import Pause
+from hpcinv.studies.study.directory import StudyDirectory
+from hpcinv.studies.study.result_rows import rows_of
+from hpcinv.studies.study.study_batch import StudyRunner, StudyTask
 
 
 def titles(tasks: list[StudyTask]) -> list[str]:

@@ -20,9 +20,9 @@ from helpers.studies import STUDY
 from helpers.study_runs import CLOSED_FORM, NZ, records_in
 
 import hpcinv as api
-from hpcinv.batch.ledger.case_record import CaseRecord
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import parse
-from hpcinv.parallel.runtime import MPI
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
 
 
 @pytest.fixture(scope="module")

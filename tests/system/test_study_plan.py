@@ -13,9 +13,9 @@ from helpers.command_line import COLUMN, ROOT, environment
 from helpers.studies import STUDY, plan
 from pydantic import ValidationError
 
+from hpcinv.base.quantity.keys import assigned, look_up, parse_key
 from hpcinv.errors import JobError
-from hpcinv.quantity.keys import assigned, look_up, parse_key
-from hpcinv.study.study_spec import Study
+from hpcinv.studies.study.study_spec import Study
 
 
 def problems(directory: Path, **changes: Any) -> list[str]:

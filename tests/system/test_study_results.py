@@ -11,17 +11,17 @@ import pytest
 from helpers.studies import plan
 from helpers.study_runs import BAD, Begin, drain, good, reused
 
-from hpcinv.batch.ledger.case_record import CaseRecord
 from hpcinv.errors import JobError, SolveError
-from hpcinv.study.convergence import fitted_order, orders, richardson
-from hpcinv.study.directory import StudyDirectory
-from hpcinv.study.findings import accuracy, front
-from hpcinv.study.result_rows import rows_of
-from hpcinv.study.study_batch import StudyTask
-from hpcinv.study.study_plan import StudyPlan
-from hpcinv.study.study_report import not_refined
-from hpcinv.study.study_run import conclude
-from hpcinv.study.work_precision import work_precision
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.study.convergence import fitted_order, orders, richardson
+from hpcinv.studies.study.directory import StudyDirectory
+from hpcinv.studies.study.findings import accuracy, front
+from hpcinv.studies.study.result_rows import rows_of
+from hpcinv.studies.study.study_batch import StudyTask
+from hpcinv.studies.study.study_plan import StudyPlan
+from hpcinv.studies.study.study_report import not_refined
+from hpcinv.studies.study.study_run import conclude
+from hpcinv.studies.study.work_precision import work_precision
 
 # Numbers
 

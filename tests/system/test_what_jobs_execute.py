@@ -15,16 +15,16 @@ from helpers.command_line import CUBE, ROOT, environment, hpcinv, write_job
 from helpers.mesh_cases import spec
 
 from hpcinv.__main__ import main
+from hpcinv.base.files.untrusted import option_fault
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.errors import JobError, MeshError
-from hpcinv.files.untrusted import option_fault
 from hpcinv.job.job import load
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import FILES
-from hpcinv.quantity.keys import assigned
-from hpcinv.study.study_plan import load_study
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.studies.study.study_plan import load_study
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 
 @pytest.fixture

@@ -13,11 +13,11 @@ import yaml
 from helpers.job_cases import BEAM, GENERATOR, Edit, Loader
 
 import hpcinv
+from hpcinv.base.reading import isolated_reader
+from hpcinv.base.reading.fault import Fault
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh.io import elements, vtu
-from hpcinv.reading import isolated_reader
-from hpcinv.reading.fault import Fault
 
 
 @pytest.fixture

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
-from hpcinv.accuracy.accuracy_record import JUDGES_OF_MESHES, AccuracyRecord, AccuracyStep, Ending
-from hpcinv.accuracy.assessment import Assessment, Finding, assess, hindsight
-from hpcinv.accuracy.marking import CLOSURE, plan
-from hpcinv.accuracy.refinement_forecast import (
+from hpcinv.errors import JobError
+from hpcinv.trust.accuracy.accuracy_record import JUDGES_OF_MESHES, AccuracyRecord, AccuracyStep, Ending
+from hpcinv.trust.accuracy.assessment import Assessment, Finding, assess, hindsight
+from hpcinv.trust.accuracy.marking import CLOSURE, plan
+from hpcinv.trust.accuracy.refinement_forecast import (
     BOLD,
     CAREFUL,
     TARGET,
@@ -27,10 +28,9 @@ from hpcinv.accuracy.refinement_forecast import (
     choose,
     nodes,
 )
-from hpcinv.certificate import Verdict
-from hpcinv.certificate.check import Line, Topic
-from hpcinv.certificate.round_trip import ROUND_TRIP
-from hpcinv.errors import JobError
+from hpcinv.trust.certificate import Verdict
+from hpcinv.trust.certificate.check import Line, Topic
+from hpcinv.trust.certificate.round_trip import ROUND_TRIP
 
 GOOD: dict[str, Any] = {
     "mesh": box(),

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
@@ -16,8 +18,6 @@ from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import shells
 from hpcinv.mesh.sample_mesh import sample_body
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
 
 CUBES = np.array([[i, j, k] for i in range(5) for j in range(5) for k in range(3)])
 HOLES = [(1, 1, 1), (3, 3, 1), (3, 2, 1)]

@@ -19,16 +19,16 @@ from helpers.schemas import refusals
 
 import hpcinv as package
 from hpcinv.__main__ import main
+from hpcinv.base.parallel import jit
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
+from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
+from hpcinv.geometry.workshop.solid import volume_of
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.mesh.io import isolated, small_features
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel import jit
-from hpcinv.parallel.runtime import MPI
-from hpcinv.workshop.cad_refit import NotRefitted, movement, refit
-from hpcinv.workshop.solid import volume_of
 
 MODELS = {
     "box": "o.addBox(0, 0, 0, 20, 10, 10)",

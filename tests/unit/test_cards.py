@@ -10,7 +10,7 @@ import pytest
 from helpers.card_cases import AXES, State, energy, law_of, material, volumetric
 from mpmath import mp
 
-from hpcinv.cards import abaqus, ansys, febio
+from hpcinv.formats.cards import abaqus, ansys, febio
 
 FIBRES = {"fibre1": (0.6, 0.8, 0.0), "fibre2": (0.6, -0.8, 0.0)}
 SQRT_3 = 3**0.5

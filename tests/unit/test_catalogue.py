@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from hpcinv.__main__ import main
-from hpcinv.effects import effects
-from hpcinv.materials import laws
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.expressions import Expression
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
 
 EVERYTHING = [("laws", name, kind) for name, kind in laws().items()]
 EVERYTHING += [("effects", name, kind) for name, kind in effects().items()]

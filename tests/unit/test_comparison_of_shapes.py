@@ -14,10 +14,10 @@ import SimpleITK
 from helpers.command_line import environment
 
 from hpcinv.__main__ import main
+from hpcinv.geometry.workshop.comparison import surface_in
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.results.surface_comparison import compare
-from hpcinv.workshop.comparison import surface_in
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 
@@ -54,7 +54,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     body = ball(tmp_path / "ball.stl")
     code = (
         "import resource, sys\n"
-        "import hpcinv.parallel.ranks\n"  # MPI needs files of its own
+        "import hpcinv.base.parallel.ranks\n"  # MPI needs files of its own
         "from hpcinv.__main__ import main\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
         "sys.exit(main(sys.argv[1:]))"

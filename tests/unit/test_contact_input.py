@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
@@ -15,8 +15,8 @@ import ufl
 from helpers.verification import box, job
 from pydantic import TypeAdapter
 
-from hpcinv.effects.obstacles import AnyObstacle
 from hpcinv.errors import JobError
+from hpcinv.physics.effects.obstacles import AnyObstacle
 
 FLOOR = {"shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
 LAYER = {"stiffness": "1 MPa/m"}

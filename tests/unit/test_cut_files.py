@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from helpers.mesh_cases import spec
 
+from hpcinv.base.reading.bdf_files import read_bdf
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.inp_files import read_inp
+from hpcinv.base.reading.med_files import read_med
+from hpcinv.base.reading.medit_files import read_medit
+from hpcinv.base.reading.unv_files import read_unv
 from hpcinv.errors import MeshError
 from hpcinv.mesh import read_source
 from hpcinv.mesh.io.elements import _source_of_elements
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
-from hpcinv.reading.bdf_files import read_bdf
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.inp_files import read_inp
-from hpcinv.reading.med_files import read_med
-from hpcinv.reading.medit_files import read_medit
-from hpcinv.reading.unv_files import read_unv
 
 NODES = ["0,0,0", "1,0,0", "0,1,0", "0,0,1", "1,1,1"]
 INP = "*NODE\n" + "".join(f"{i},{x}\n" for i, x in enumerate(NODES, 1))

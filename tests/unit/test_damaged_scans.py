@@ -19,15 +19,15 @@ import pytest
 import pyvista
 from helpers.forked_reader import load_libraries, run_forked
 
+from hpcinv.base.files import followed_includes
+from hpcinv.base.reading import isolated_reader
 from hpcinv.errors import JobError, MeshError
-from hpcinv.files import followed_includes
+from hpcinv.geometry.imaging.closed_surface import read_closed, signed_volume
+from hpcinv.geometry.imaging.label_image import labels_in, read_labels
 from hpcinv.job.job import load
-from hpcinv.mesh.imaging.closed_surface import read_closed, signed_volume
-from hpcinv.mesh.imaging.label_image import labels_in, read_labels
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.surface_files import read_triangles
-from hpcinv.reading import isolated_reader
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 SimpleITK = pytest.importorskip("SimpleITK")
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from hpcinv.batch.axis_table import axis_of
+from hpcinv.base.quantity.csv_rows import Row, rows_of
 from hpcinv.errors import JobError
-from hpcinv.fitting.measurements import FileOptions, read_file
-from hpcinv.quantity.csv_rows import Row, rows_of
+from hpcinv.studies.batch.axis_table import axis_of
+from hpcinv.studies.fitting.measurements import FileOptions, read_file
 
 
 def numbers(text: str, *, decimal_comma: bool = False) -> list[list[float]]:

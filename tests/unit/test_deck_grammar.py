@@ -10,12 +10,12 @@ import pytest
 from helpers.command_line import ROOT
 from helpers.deck_keywords import names
 
-from hpcinv.cards.abaqus_deck import read_deck
+from hpcinv.base.reading.abaqus_keywords import keywords_of_text
+from hpcinv.base.reading.abaqus_options import USED, WITHOUT_EFFECT, remedy
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.inp_files import read_inp, read_inp_shells
 from hpcinv.errors import HpcinvError
-from hpcinv.reading.abaqus_keywords import keywords_of_text
-from hpcinv.reading.abaqus_options import USED, WITHOUT_EFFECT, remedy
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.inp_files import read_inp, read_inp_shells
+from hpcinv.formats.cards.abaqus_deck import read_deck
 
 TET = """*NODE
 1, 0, 0, 0
@@ -63,7 +63,7 @@ def test_no_keyword_and_no_option_passes_without_a_word(tmp_path: Path) -> None:
 
 
 def test_what_counts_as_used_is_named_where_files_are_read() -> None:
-    places = [*(ROOT / "hpcinv/cards").glob("abaqus*.py"), *(ROOT / "hpcinv/reading").glob("*.py")]
+    places = [*(ROOT / "hpcinv/formats/cards").glob("abaqus*.py"), *(ROOT / "hpcinv/base/reading").glob("*.py")]
     source = "".join(path.read_text() for path in places if path.name != "abaqus_options.py")
     spelled = {"INCLUDE": "INCLUDE|", "INPUT": "INPUT"}  # in a pattern of lines
     unnamed = [

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hpcinv.cards.abaqus_deck import read_deck
-from hpcinv.cards.card import CardError
-from hpcinv.cards.deck import Deck, Measure
-from hpcinv.reading.inp_files import read_inp
+from hpcinv.base.reading.inp_files import read_inp
+from hpcinv.formats.cards.abaqus_deck import read_deck
+from hpcinv.formats.cards.card import CardError
+from hpcinv.formats.cards.deck import Deck, Measure
 
 SETS = {"FOOT": frozenset((1, 2)), "TOP": frozenset((3, 4)), "WIDE": frozenset((4, 5))}
 HEAD = """*MATERIAL, NAME=rubber

@@ -9,11 +9,11 @@ from helpers.closed_forms import NEO_HOOKEAN
 from helpers.paths import OCTANT, SPHERE, cube, tried
 from helpers.verification import box, job
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
-from hpcinv.methods.fallbacks import attempts
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.diagnosis import Diagnosis, diagnose
+from hpcinv.solver.methods.fallbacks import attempts
 from hpcinv.solver.newton import Solve
 
 pytestmark = pytest.mark.slow

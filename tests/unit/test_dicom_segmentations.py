@@ -11,7 +11,7 @@ import pytest
 
 from hpcinv.__main__ import main
 from hpcinv.errors import MeshError
-from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.geometry.imaging.label_image import read_labels
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

@@ -15,11 +15,11 @@ import pytest
 from helpers.schemas import refusals
 
 from hpcinv.__main__ import _parser, complete_action
-from hpcinv.effects import effects
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.study.study_plan import load_study
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.physics.effects import effects
+from hpcinv.studies.study.study_plan import load_study
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("**/*.md")]

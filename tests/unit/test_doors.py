@@ -1,4 +1,4 @@
-"""Every file of a user is opened through one door, `hpcinv.reading.door`: the code is walked for other openings."""
+"""Every file of a user is opened through one door, `hpcinv.base.reading.door`: the code is walked for other openings."""
 
 import ast
 import hashlib
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import hpcinv
+from hpcinv.base.reading.door import PLACES, VARIABLE, Refused, admit, admitted, trusted
 from hpcinv.job.resolved_job import file_digest
-from hpcinv.reading.door import PLACES, VARIABLE, Refused, admit, admitted, trusted
 
 ROOT = Path(hpcinv.__file__).parent
 DOORS = ("admitted", "trusted")
@@ -39,24 +39,24 @@ OTHER_READERS = {
 }
 """modules of Python with readers that are not in use"""
 OWN = {
-    "assembly/csr_tangent.py: _CODE": "code of the package",
-    "assembly/derivation_record.py: Path(file)": "code of the package",
-    "assembly/tangent_product.py: _CODE": "code of the package",
-    "batch/grouptask.py: directory / _EVENTS": "a directory that this process has made",
-    "batch/grouptask.py: directory / _TASK": "a directory that this process has made",
-    "batch/ledger/ledger.py: file": "records, whose directory no untrusted sweep can name",
-    "batch/ledger/liveness.py: self._heartbeats / token": "as above",
-    "batch/ledger/store.py: mark": "as above",
+    "model/assembly/csr_tangent.py: _CODE": "code of the package",
+    "model/assembly/derivation_record.py: Path(file)": "code of the package",
+    "model/assembly/tangent_product.py: _CODE": "code of the package",
+    "studies/batch/grouptask.py: directory / _EVENTS": "a directory that this process has made",
+    "studies/batch/grouptask.py: directory / _TASK": "a directory that this process has made",
+    "studies/batch/ledger/ledger.py: file": "records, whose directory no untrusted sweep can name",
+    "studies/batch/ledger/liveness.py: self._heartbeats / token": "as above",
+    "studies/batch/ledger/store.py: mark": "as above",
     "cli/identify.py: directory / 'sections.yaml'": "just written",
     "cli/new.py: _GENERATORS / generator": "part of the package",
     "cli/sweep_submit.py: template": "an argument of the command, by default part of the package",
     "cli/sweep_submit.py: script": "just written",
-    "dossier/content.py: file": "part of the package",
-    "files/atomic.py: path": "a directory, or a file that is written",
-    "files/atomic.py: partial": "just written",
-    "files/directory_lock.py: path": "locks, which are JSON",
-    "files/directory_lock.py: self._path": "locks, which are JSON",
-    "files/muted.py: os.devnull": "nothing",
+    "studies/dossier/content.py: file": "part of the package",
+    "base/files/atomic.py: path": "a directory, or a file that is written",
+    "base/files/atomic.py: partial": "just written",
+    "base/files/directory_lock.py: path": "locks, which are JSON",
+    "base/files/directory_lock.py: self._path": "locks, which are JSON",
+    "base/files/muted.py: os.devnull": "nothing",
     "formats/partitioned_header.py: path": "just written, or admitted with its directory",
     "mesh/io/gmsh_model.py: path": "just written",
     "mesh/readers.py: scrap.name": "just written",
@@ -68,38 +68,38 @@ OWN = {
     "output/console.py: proc / str(process) / 'stat'": "of the system",
     "output/reduced_basis.py: path / 'modes.bp'": "'solver.start' is refused in untrusted jobs",
     "output/reduced_basis.py: path / 'start.json'": "as above",
-    "parallel/adios.py: 'libadios2_cxx_mpi.so.2.12'": "of the installation",
-    "parallel/available_memory.py: _MEMINFO": "of the system",
-    "parallel/available_memory.py: group / 'memory.current'": "of the system",
-    "parallel/available_memory.py: group / 'memory.max'": "of the system",
-    "parallel/available_memory.py: Path('/proc/self/cgroup')": "of the system",
-    "parallel/jit.py: Path('/proc/cpuinfo')": "of the system",
-    "parallel/jit.py: path": "kernels, whose owner and seal are checked",
-    "points/interpreter.py: Path(__file__).with_name('interpreter.c')": "of hpcinv",
-    "points/program_files.py: io.BytesIO(content)": "programs, whose owner and seal are checked",
-    "points/program_files.py: path": "modules of hpcinv",
-    "parallel/jit.py: str(path)": "kernels, whose owner and seal are checked",
-    "parallel/kernel_compiler.py: target": "just written",
-    "parallel/kernel_files.py: directory / _LOCK": "of the directory of kernels",
-    "parallel/kernel_files.py: partial": "written",
-    "parallel/malloc.py: None": "this process",
-    "parallel/memory_use.py: '/proc/self/statm'": "of the system",
-    "parallel/processes.py: Path('/proc/sys/kernel/random/boot_id')": "of the system",
-    "parallel/processes.py: Path(f'/proc/{pid}/stat')": "of the system",
-    "parallel/signals.py: os.devnull": "nothing",
-    "parallel/unlocked_petsc.py: PETSc.__file__": "of the installation",
-    "quantity/table_files.py: io.BytesIO(content)": "content that was admitted",
-    "reading/isolated_reader.py: 'hpcinv'": "code of the package",
-    "reading/isolated_reader.py: Path('/proc/self/statm')": "of the system",
-    "reading/isolated_reader.py: os.devnull": "nothing",
-    "reports/page.py: files('hpcinv.reports').joinpath('static', name)": "part of the package",
+    "base/parallel/adios.py: 'libadios2_cxx_mpi.so.2.12'": "of the installation",
+    "base/parallel/available_memory.py: _MEMINFO": "of the system",
+    "base/parallel/available_memory.py: group / 'memory.current'": "of the system",
+    "base/parallel/available_memory.py: group / 'memory.max'": "of the system",
+    "base/parallel/available_memory.py: Path('/proc/self/cgroup')": "of the system",
+    "base/parallel/jit.py: Path('/proc/cpuinfo')": "of the system",
+    "base/parallel/jit.py: path": "kernels, whose owner and seal are checked",
+    "physics/points/interpreter.py: Path(__file__).with_name('interpreter.c')": "of hpcinv",
+    "physics/points/program_files.py: io.BytesIO(content)": "programs, whose owner and seal are checked",
+    "physics/points/program_files.py: path": "modules of hpcinv",
+    "base/parallel/jit.py: str(path)": "kernels, whose owner and seal are checked",
+    "base/parallel/kernel_compiler.py: target": "just written",
+    "base/parallel/kernel_files.py: directory / _LOCK": "of the directory of kernels",
+    "base/parallel/kernel_files.py: partial": "written",
+    "base/parallel/malloc.py: None": "this process",
+    "base/parallel/memory_use.py: '/proc/self/statm'": "of the system",
+    "base/parallel/processes.py: Path('/proc/sys/kernel/random/boot_id')": "of the system",
+    "base/parallel/processes.py: Path(f'/proc/{pid}/stat')": "of the system",
+    "base/parallel/signals.py: os.devnull": "nothing",
+    "base/parallel/unlocked_petsc.py: PETSc.__file__": "of the installation",
+    "base/quantity/table_files.py: io.BytesIO(content)": "content that was admitted",
+    "base/reading/isolated_reader.py: 'hpcinv'": "code of the package",
+    "base/reading/isolated_reader.py: Path('/proc/self/statm')": "of the system",
+    "base/reading/isolated_reader.py: os.devnull": "nothing",
+    "pages/reports/page.py: files('hpcinv.pages.reports').joinpath('static', name)": "part of the package",
     "solver/linear/ordering.py: PETSc.__file__": "of the installation",
     "solver/linear/symbolic_analysis.py: PETSc.__file__": "of the installation",
-    "study/directory.py: path / _MARK": "records, which are JSON, in a directory that an argument names",
-    "workshop/cad_refit.py: str(brep)": "just written",
-    "workshop/cad_refit.py: str(step)": "just written",
-    "workshop/cad_refit.py: brep": "just written",
-    "workshop/cad_refit.py: step": "just written",
+    "studies/study/directory.py: path / _MARK": "records, which are JSON, in a directory that an argument names",
+    "geometry/workshop/cad_refit.py: str(brep)": "just written",
+    "geometry/workshop/cad_refit.py: str(step)": "just written",
+    "geometry/workshop/cad_refit.py: brep": "just written",
+    "geometry/workshop/cad_refit.py: step": "just written",
 }
 """what is opened by other ways, by module and expression, and why it may be"""
 
@@ -147,7 +147,7 @@ def openings() -> Iterator[str]:
 def test_files_are_opened_through_the_door_alone() -> None:
     found = set(openings())
     others = sorted(found - OWN.keys())
-    assert not others, f"open these by hpcinv.reading.door, or say in OWN whose they are: {others}"
+    assert not others, f"open these by hpcinv.base.reading.door, or say in OWN whose they are: {others}"
     assert OWN.keys() == found, "these are not opened any more"
 
 

@@ -10,12 +10,12 @@ import pytest
 from helpers.mesh_cases import write_msh22
 from helpers.verification import BOX, job
 
-from hpcinv.effects import effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.physics.effects import effects
 from hpcinv.solver.equations import Equations
 
 MATERIAL = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}

@@ -12,9 +12,9 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
-from hpcinv.kinematics import stable_functions
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.kinematics import stable_functions
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 TINY = [sign * 10.0**-n for n in (4, 8, 12, 16, 30, 80) for sign in (-1, 1)]
 MEDIUM = [-0.9, -0.5, -0.126, -0.125, -0.124, -0.06, -0.01, -0.001, 0.001, 0.01, 0.06, 0.124, 0.125, 0.126, 0.5, 0.9]

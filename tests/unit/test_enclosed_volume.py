@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from helpers.hollow_block import hollow_block
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
 
 SHEAR = np.array([[1.2, 0.3, -0.4], [0.1, 0.9, 0.2], [0.5, -0.3, 1.1]])
 FAR = np.array([300.0, -200.0, 100.0])

@@ -9,8 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from hpcinv.quantity.expressions import FUNCTIONS, Expression
-from hpcinv.quantity.units import Dimension
+from hpcinv.base.quantity.expressions import FUNCTIONS, Expression
+from hpcinv.base.quantity.units import Dimension
 
 LENGTH = Dimension(length=1)
 KNOWN: dict[str, Dimension | None] = {"x": LENGTH, "y": LENGTH, "z": LENGTH, "k": None}

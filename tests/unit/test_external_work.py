@@ -9,9 +9,9 @@ import basix.ufl
 import pytest
 import ufl
 
-from hpcinv.effects import Effect
 from hpcinv.errors import JobError
 from hpcinv.model.external_work import external_work
+from hpcinv.physics.effects import Effect
 
 MESH = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
 V = ufl.TestFunction(ufl.FunctionSpace(MESH, basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))))

@@ -168,8 +168,8 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path, old: str, new: str, m
 
 
 def test_load_curves_have_the_value_of_their_kind() -> None:
-    from hpcinv.cards.card import CardError
-    from hpcinv.cards.febio_curves import curve_value
+    from hpcinv.formats.cards.card import CardError
+    from hpcinv.formats.cards.febio_curves import curve_value
 
     points = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 9.0]])
     assert curve_value(points, "LINEAR", "CONSTANT", 1.0) == 2
@@ -200,7 +200,7 @@ def test_conditions_that_share_facets_become_separate_groups(tmp_path: Path) -> 
 
 def test_features_without_a_counterpart_are_named(tmp_path: Path) -> None:
     from benchmarks.published.febio.conversion import Unsupported, convert
-    from hpcinv.cards.card import UnknownLaw
+    from hpcinv.formats.cards.card import UnknownLaw
 
     with pytest.raises(Unsupported, match=r"do not fill facets \(edge\)"):
         convert(read(tmp_path / "bar.feb", BAR.replace('node_set="left"', 'node_set="edge"')), "bar")
@@ -234,7 +234,7 @@ def test_a_file_gives_the_norm_of_its_free_displacements(tmp_path: Path, monkeyp
 
 
 def test_formulas_of_laws_agree_with_their_functions() -> None:
-    from hpcinv.cards.series import exponential_integral, inverse_langevin
+    from hpcinv.formats.cards.series import exponential_integral, inverse_langevin
 
     series = inverse_langevin(20)
     for x in (0.1, 0.3, 0.45):

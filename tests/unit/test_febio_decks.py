@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hpcinv.__main__ import main
-from hpcinv.cards.febio_deck import read_deck
+from hpcinv.formats.cards.febio_deck import read_deck
 from hpcinv.job.job import load
 
 MODEL = """<febio_spec version="4.0"><Module type="solid"/>

@@ -14,16 +14,16 @@ import yaml
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError
-from hpcinv.fitting.candidate import candidate
-from hpcinv.fitting.ellipticity import is_elliptic
-from hpcinv.fitting.fit_report import CheckedFit
-from hpcinv.fitting.homogeneous import MODES, Response
-from hpcinv.fitting.least_squares import Fit, FitError, fit
-from hpcinv.fitting.linearised import Linearised
-from hpcinv.fitting.material_stability import smallest_stiffness
-from hpcinv.fitting.measurements import FileOptions, Test, read_file, set_deviations
 from hpcinv.job.job import load
-from hpcinv.materials import laws
+from hpcinv.physics.materials import laws
+from hpcinv.studies.fitting.candidate import candidate
+from hpcinv.studies.fitting.ellipticity import is_elliptic
+from hpcinv.studies.fitting.fit_report import CheckedFit
+from hpcinv.studies.fitting.homogeneous import MODES, Response
+from hpcinv.studies.fitting.least_squares import Fit, FitError, fit
+from hpcinv.studies.fitting.linearised import Linearised
+from hpcinv.studies.fitting.material_stability import smallest_stiffness
+from hpcinv.studies.fitting.measurements import FileOptions, Test, read_file, set_deviations
 
 Test.__test__ = False  # type: ignore[attr-defined]  # pytest must not collect it
 ROOT = Path(__file__).parents[2]
@@ -267,7 +267,7 @@ def test_a_lack_of_memory_has_a_message(
         raise MemoryError("Unable to allocate 2.98 GiB")
 
     (tmp_path / "tests.csv").write_text(GOOD)
-    monkeypatch.setattr("hpcinv.fitting.measurements.read_file", fails)
+    monkeypatch.setattr("hpcinv.studies.fitting.measurements.read_file", fails)
     assert main(["fit", str(tmp_path / "tests.csv"), "--law", "yeoh"]) == 5
     assert capsys.readouterr().err.startswith("there is not enough memory: Unable to allocate 2.98 GiB\n  Take a ")
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from hpcinv.__main__ import main
-from hpcinv.fitting.candidate import Candidate, candidate
-from hpcinv.fitting.equal_optima import Predictions
-from hpcinv.fitting.homogeneous import MODES, Response
-from hpcinv.fitting.least_squares import FitError, _LeastSquares, fit
-from hpcinv.fitting.measurements import Test
-from hpcinv.materials import laws
+from hpcinv.physics.materials import laws
+from hpcinv.studies.fitting.candidate import Candidate, candidate
+from hpcinv.studies.fitting.equal_optima import Predictions
+from hpcinv.studies.fitting.homogeneous import MODES, Response
+from hpcinv.studies.fitting.least_squares import FitError, _LeastSquares, fit
+from hpcinv.studies.fitting.measurements import Test
 
 Test.__test__ = False  # type: ignore[attr-defined]  # pytest must not collect it
 MEASURES = {"simple-shear": np.linspace(0.2, 1.2, 7), "planar": np.linspace(1.1, 1.8, 7)}

@@ -10,13 +10,13 @@ import pytest
 from helpers.command_line import hpcinv_here
 
 import hpcinv
+from hpcinv.base.files import followed_includes
+from hpcinv.base.reading import bdf_files, included_files
+from hpcinv.base.reading.door import VARIABLE
 from hpcinv.cli.cards import file_text
 from hpcinv.errors import MeshError
-from hpcinv.files import followed_includes
 from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.resolved_job import file_digest
-from hpcinv.reading import bdf_files, included_files
-from hpcinv.reading.door import VARIABLE
 
 ROOT = Path(hpcinv.__file__).parent
 LINES = {".inp": "*INCLUDE, INPUT={}\n", ".bdf": "INCLUDE '{}'\n"}
@@ -65,7 +65,7 @@ def test_only_one_module_follows_includes() -> None:
         if file.parent.name == "reading" or file.name == "followed_includes.py":
             continue
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hpcinv.reading"):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hpcinv.base.reading"):
                 assert not {name.name for name in node.names} & set(FOLLOWING), file
 
 

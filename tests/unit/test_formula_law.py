@@ -14,13 +14,13 @@ from dolfinx.mesh import create_unit_cube
 from pydantic import ValidationError
 from ufl.classes import Variable
 
-from hpcinv.kinematics.kinematics import Deformation
-from hpcinv.materials import laws
-from hpcinv.materials.formula import Formula
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.schema import dotted_key, problems_in
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.model.weak_form import LABEL
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.schema import dotted_key, problems_in
-from hpcinv.quantity.units import Dimension
+from hpcinv.physics.kinematics.kinematics import Deformation
+from hpcinv.physics.materials import laws
+from hpcinv.physics.materials.formula import Formula
 
 STRESS = Dimension(-1, 1, -2)
 

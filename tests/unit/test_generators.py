@@ -13,8 +13,8 @@ from helpers.typed import files
 from hpcinv.job.mesh_generators import converted_parameters, parameters_of, read_parameters, resolution_of
 
 PYTHON = """
-from hpcinv.quantity import quantity
-from hpcinv.quantity import Dimensionless, Length
+from hpcinv.base.quantity import quantity
+from hpcinv.base.quantity import Dimensionless, Length
 raise SystemExit("a generator must not be run to be checked")
 def build(gmsh, origin: float = 0.0, *, length: Length, size: "Length" = 2e-3, taper: Dimensionless = 0,
           cells: int = 3, curved: bool = True, shape: str = "round", angle=0.0, area: quantity.Area = 1) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from hpcinv.base.reading import bdf_files
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.included_files import Inclusions, lines_of
 from hpcinv.errors import MeshError
 from hpcinv.formats import FORMATS
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh.io.isolated import read_isolated
-from hpcinv.reading import bdf_files
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.included_files import Inclusions, lines_of
 
 COUNT = 20_000
 INCLUDES: dict[str, tuple[str, Callable[[Path], object]]] = {
@@ -43,7 +43,7 @@ def test_included_files_are_counted_by_how_often_they_are_read(suffix: str, tmp_
 
 @pytest.mark.parametrize("suffix", INCLUDES)
 def test_bytes_of_repeated_files_are_counted(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hpcinv.reading.included_files._REPEATED", 500)
+    monkeypatch.setattr("hpcinv.base.reading.included_files._REPEATED", 500)
     for times, is_refused in ((4, False), (8, True)):
         path = chain(tmp_path, suffix, 1, times, "$" * 100 + "\n")
         if is_refused:

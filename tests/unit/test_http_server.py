@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from helpers.command_line import CUBE
 
+from hpcinv.base.parallel.ranks import MPI
 from hpcinv.job.job import load
-from hpcinv.parallel.ranks import MPI
-from hpcinv.serving import http_server, service, um_bridge
-from hpcinv.serving.http_server import HttpServer, Reply
-from hpcinv.serving.job_model import Linearisation
+from hpcinv.studies.serving import http_server, service, um_bridge
+from hpcinv.studies.serving.http_server import HttpServer, Reply
+from hpcinv.studies.serving.job_model import Linearisation
 
 GOOD: dict[str, object] = {"name": "block", "input": [[1.0, 2.0]]}
 

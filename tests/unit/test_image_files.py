@@ -14,7 +14,7 @@ import pyvista
 from helpers.imaging_cases import SimpleITK, ball, meshed, volumes, written
 
 from hpcinv.errors import JobError, MeshError
-from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.geometry.imaging.label_image import read_labels
 from hpcinv.mesh.io import isolated
 
 pytestmark = pytest.mark.usefixtures("warm_reader")

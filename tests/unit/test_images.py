@@ -17,12 +17,12 @@ from scipy import ndimage
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, MeshError
+from hpcinv.geometry.imaging.clean_surfaces import _fill_touching_edges, _parts
+from hpcinv.geometry.imaging.curved_cells import curved
+from hpcinv.geometry.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.checks import determinants
 from hpcinv.mesh.crossing_facets import find_overlap
-from hpcinv.mesh.imaging.clean_surfaces import _fill_touching_edges, _parts
-from hpcinv.mesh.imaging.curved_cells import curved
-from hpcinv.mesh.imaging.wall_sizes import wall_sizes
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.surface import surface_of
 

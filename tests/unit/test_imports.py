@@ -13,8 +13,8 @@ import pytest
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
-MODULES = "hpcinv.job.job, hpcinv.materials, hpcinv.effects, hpcinv.study.study_plan, hpcinv.sweep.sweep_plan"
-MODULES += ", hpcinv.batch.ledger.ledger"
+MODULES = "hpcinv.job.job, hpcinv.physics.materials, hpcinv.physics.effects, hpcinv.studies.study.study_plan, hpcinv.studies.sweep.sweep_plan"
+MODULES += ", hpcinv.studies.batch.ledger.ledger"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",
@@ -87,15 +87,22 @@ RUN_PACKAGES = JOB_PACKAGES | {
     "ufl",
 }
 """packages of others; each takes from 10 ms to half a second"""
-UNNEEDED_BY_A_JOB = {"hpcinv.batch", "hpcinv.driver", "hpcinv.output", "hpcinv.study", "hpcinv.sweep", "hpcinv.mesh"}
+UNNEEDED_BY_A_JOB = {
+    "hpcinv.studies.batch",
+    "hpcinv.driver",
+    "hpcinv.output",
+    "hpcinv.studies.study",
+    "hpcinv.studies.sweep",
+    "hpcinv.mesh",
+}
 UNNEEDED_BY_A_RUN = {
-    "hpcinv.batch",
-    "hpcinv.fitting",
-    "hpcinv.identification",
-    "hpcinv.mesh.imaging",
-    "hpcinv.study",
-    "hpcinv.sweep",
-    "hpcinv.workshop",
+    "hpcinv.studies.batch",
+    "hpcinv.studies.fitting",
+    "hpcinv.studies.identification",
+    "hpcinv.geometry.imaging",
+    "hpcinv.studies.study",
+    "hpcinv.studies.sweep",
+    "hpcinv.geometry.workshop",
     "http.client",
     "numpy.f2py",
 }
@@ -166,7 +173,9 @@ importlib.import_module(sys.argv[1])
 """
 
 
-@pytest.mark.parametrize("module", ["hpcinv.parallel.runtime", "hpcinv.driver", "hpcinv.assembly.tangent_product"])
+@pytest.mark.parametrize(
+    "module", ["hpcinv.base.parallel.runtime", "hpcinv.driver", "hpcinv.model.assembly.tangent_product"]
+)
 def test_numpy_is_imported_with_one_thread_and_without_huge_pages(module: str) -> None:
     names = {"OMP_NUM_THREADS", "NUMPY_MADVISE_HUGEPAGE"}
     environment = {name: value for name, value in os.environ.items() if name not in names}

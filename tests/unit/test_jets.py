@@ -15,18 +15,18 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from ufl.classes import Variable
 
-from hpcinv.kinematics.kinematics import Deformation
-from hpcinv.kinematics.ufl_formulas import UFL_FUNCTIONS
-from hpcinv.materials.formula import Formula
-from hpcinv.materials.formula_law.algebras import FLOATS
-from hpcinv.materials.formula_law.coefficients import ONE, ZERO, Coefficient
-from hpcinv.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
-from hpcinv.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.functions import FUNCTIONS
 from hpcinv.model.weak_form import LABEL
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.functions import FUNCTIONS
+from hpcinv.physics.kinematics.kinematics import Deformation
+from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
+from hpcinv.physics.materials.formula import Formula
+from hpcinv.physics.materials.formula_law.algebras import FLOATS
+from hpcinv.physics.materials.formula_law.coefficients import ONE, ZERO, Coefficient
+from hpcinv.physics.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
+from hpcinv.physics.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 FIBRES = {"f": (1, 2, 2), "s": (2, 1, -2)}  # of length 3, orthogonal
 # Fibres f are stretched, s are compressed.

@@ -16,13 +16,13 @@ from helpers.job_cases import BEAM, Edit, Loader
 from pydantic import ValidationError
 
 import hpcinv
-from hpcinv.effects.effect import Direction, Effect
+from hpcinv.base.quantity.schema import problems_in
 from hpcinv.job.job import Job, json_schema
 from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.quantity.schema import problems_in
-from hpcinv.study.study_plan import load_study
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.physics.effects.effect import Direction, Effect
+from hpcinv.studies.study.study_plan import load_study
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 
 def test_a_job_is_read_in_si_with_defaults(load: Loader) -> None:

@@ -16,7 +16,7 @@ from helpers.job_cases import BEAM, Edit, Loader
 
 from hpcinv.errors import JobError
 from hpcinv.job.job import parse
-from hpcinv.materials import laws
+from hpcinv.physics.materials import laws
 
 JARGON = re.compile(r"pydantic|Input should|validat|function-|tagged|\[key\]|NoneType|dict|tuple")
 

@@ -12,11 +12,11 @@ from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.kinematics import kept_gradients, staged_derivatives
-from hpcinv.kinematics.kept_gradients import kept_gradient
-from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.parallel.jit import JIT_OPTIONS
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.jit import JIT_OPTIONS
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.kinematics import kept_gradients, staged_derivatives
+from hpcinv.physics.kinematics.kept_gradients import kept_gradient
+from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 
 
 def strain(H: Any) -> Any:

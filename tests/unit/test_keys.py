@@ -13,17 +13,17 @@ import pytest
 from helpers.schema_leaves import Place, variations
 from helpers.sheets import flat, save_sheet
 
-from hpcinv.effects.contact import Contact
-from hpcinv.effects.obstacles import SurfaceObstacle
+from hpcinv.base.files.names import NamesFile
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.schema import Spec, metadata_in
 from hpcinv.errors import CheckpointError
-from hpcinv.files.names import NamesFile
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, check_same_problem, content_key, fingerprint
 from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import NOT_BODY, body_key, kernel_key, numbers_of, reuse_group_of
 from hpcinv.job.sections import ExpectedShape
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.schema import Spec, metadata_in
+from hpcinv.physics.effects.contact import Contact
+from hpcinv.physics.effects.obstacles import SurfaceObstacle
 from hpcinv.solver.workspace import Workspace
 
 HERE = Path(__file__).parents[2]

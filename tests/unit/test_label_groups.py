@@ -13,6 +13,8 @@ import pyvista
 from helpers.mesh_cases import spec
 from helpers.schemas import refusals
 
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.spatial_fields import ByRegion
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body, read_source
@@ -24,8 +26,6 @@ from hpcinv.mesh.label_groups import integer_arrays
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray, Group, MeshSource, distinct_tags
 from hpcinv.model.fields import BodyFields, law_cells
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.quantity.spatial_fields import ByRegion
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import pytest
 
-from hpcinv.parallel import signals
+from hpcinv.base.parallel import signals
 
 PATIENCE = 0.2  # s
 WAIT = PATIENCE + 0.3

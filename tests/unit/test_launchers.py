@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from hpcinv.base.parallel.home import provide_home
+from hpcinv.base.parallel.launchers import adapt_to_launcher, check_size
 from hpcinv.errors import OutputError, SystemPartMissing
-from hpcinv.parallel.home import provide_home
-from hpcinv.parallel.launchers import adapt_to_launcher, check_size
 
 MPICH = "MPICH Version:      5.0.2\nMPICH configure:    --with-device=ch4:ucx,ofi\n"
 OPEN_MPI = "Open MPI v4.1.4, package: Debian OpenMPI, ident: 4.1.4"

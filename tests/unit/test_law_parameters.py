@@ -8,17 +8,17 @@ from typing import Any
 
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.docstrings import meanings
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.quantity import quantities_of
+from hpcinv.base.quantity.schema import dotted_key
+from hpcinv.base.quantity.units import parse_unit
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
-from hpcinv.materials import laws
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.docstrings import meanings
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.quantity import quantities_of
-from hpcinv.quantity.schema import dotted_key
-from hpcinv.quantity.units import parse_unit
-from hpcinv.serving.job_model import JobModel
+from hpcinv.physics.materials import laws
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.serving.job_model import JobModel
 
 HERE = Path(__file__).parents[1] / "job.yaml"
 JARGON = re.compile(r"pydantic|Input should|validat|NoneType|dict|tuple|Annotated")

@@ -19,19 +19,19 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
-from hpcinv.assembly.taylor_arrays import TaylorArrays
-from hpcinv.assembly.taylor_code import LANES, taylor_code
-from hpcinv.fitting.homogeneous import Response
-from hpcinv.kinematics.kinematics import Deformation
-from hpcinv.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.materials import MaterialLaw, laws
-from hpcinv.materials.isochoric import DILATATIONS
+from hpcinv.base.parallel.jit import JIT_OPTIONS, array_type, compile_library
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.model.assembly.taylor_arrays import TaylorArrays
+from hpcinv.model.assembly.taylor_code import LANES, taylor_code
 from hpcinv.model.weak_form import LABEL
-from hpcinv.parallel.jit import JIT_OPTIONS, array_type, compile_library
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.point_scalars import PointScalars
-from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph
-from hpcinv.quantity.expressions import Expression
+from hpcinv.physics.kinematics.kinematics import Deformation
+from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
+from hpcinv.physics.materials import MaterialLaw, laws
+from hpcinv.physics.materials.isochoric import DILATATIONS
+from hpcinv.physics.points.point_scalars import PointScalars
+from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
+from hpcinv.studies.fitting.homogeneous import Response
 
 DIGITS = 60
 SWITCHES = ("max(", "lambda1_bar")  # in laws without a Taylor series: fibres in tension, ordered principal stretches

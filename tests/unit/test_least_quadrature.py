@@ -9,11 +9,11 @@ import pytest
 from helpers.command_line import BLOCK
 
 from hpcinv import load, run
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.mesh.cells import quadrature as rule
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.model.discrete_model import default_quadrature
-from hpcinv.parallel.runtime import MPI
 
 CELLS = ("tetrahedron", "hexahedron")
 

@@ -12,14 +12,14 @@ from helpers.verification import box, job
 
 import hpcinv as package
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.functions import FUNCTIONS
 from hpcinv.cli.formula_guide import PLACES
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import content_key, fingerprint
 from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.functions import FUNCTIONS
 
 FIXED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 

@@ -11,8 +11,8 @@ import pytest
 
 from hpcinv.__main__ import main
 from hpcinv.errors import JobError, SystemPartMissing
-from hpcinv.fitting.cycles import loading_branches
-from hpcinv.fitting.measurements import FileOptions, read_file
+from hpcinv.studies.fitting.cycles import loading_branches
+from hpcinv.studies.fitting.measurements import FileOptions, read_file
 
 STRETCH = (1.0, 1.1, 1.25, 1.5)
 FORCE = (0.0, 2.5, 5.75, 10.125)  # N
@@ -120,7 +120,7 @@ def test_workbooks_of_too_many_empty_cells_are_refused(tmp_path: Path, monkeypat
     book.active.cell(5, 100, "far")
     path = tmp_path / "uniaxial.xlsx"
     book.save(path)
-    monkeypatch.setattr("hpcinv.quantity.table_files._MOST_CELLS", 99)
+    monkeypatch.setattr("hpcinv.base.quantity.table_files._MOST_CELLS", 99)
     with pytest.raises(JobError, match=r"has more than 99 cells, many of them empty; save it as \.csv"):
         read_file(path, FileOptions("uniaxial"))
 

@@ -10,10 +10,10 @@ import gmsh
 import pytest
 from helpers.mesh_cases import TETRAHEDRON, conditions, spec, write_msh22
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh import build_body
 from hpcinv.mesh.io import gmsh_model
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = pytest.mark.slow
 

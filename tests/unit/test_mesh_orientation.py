@@ -7,11 +7,11 @@ import dolfinx
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import no_cells, node_order, scalar_element
 from hpcinv.mesh.checks import determinants
 from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import MPI
 
 
 def cube(kind: str, degree: int) -> MeshSource:

@@ -13,8 +13,8 @@ from helpers.command_line import BLOCK, write_job
 from pydantic import ValidationError
 
 from hpcinv.__main__ import main
-from hpcinv.materials import MaterialLaw, laws
-from hpcinv.materials.moduli import shear_and_bulk, young_and_poisson
+from hpcinv.physics.materials import MaterialLaw, laws
+from hpcinv.physics.materials.moduli import shear_and_bulk, young_and_poisson
 
 YOUNG, POISSON = 9.1e4, 0.37
 ALL = {

@@ -12,13 +12,13 @@ from helpers.schemas import refusals
 
 import hpcinv as package
 from hpcinv.__main__ import main
-from hpcinv.files.names import yaml_text
+from hpcinv.base.files.names import yaml_text
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.geometry.imaging import hollow_wall
 from hpcinv.job.filling_points import filling_points
 from hpcinv.job.yaml_reader import read_text, read_yaml
 from hpcinv.mesh import build_body, read_source
-from hpcinv.mesh.imaging import hollow_wall
 from hpcinv.model.fibre_directions import rule_directions
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

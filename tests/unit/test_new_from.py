@@ -11,9 +11,9 @@ import yaml
 from helpers.mesh_cases import spec
 
 from hpcinv.__main__ import main
-from hpcinv.cards.abaqus_deck import read_deck
-from hpcinv.cards.deck import Measure
 from hpcinv.errors import MeshError
+from hpcinv.formats.cards.abaqus_deck import read_deck
+from hpcinv.formats.cards.deck import Measure
 from hpcinv.job.job import load
 from hpcinv.mesh import read_source
 

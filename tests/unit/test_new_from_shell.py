@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from hpcinv.__main__ import main
+from hpcinv.base.reading.inp_files import read_inp_shells
 from hpcinv.job.job import load
-from hpcinv.reading.inp_files import read_inp_shells
 
 PLATE = """*NODE, NSET=ALL
 1,0,0,0

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hpcinv.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import MeshError
 from hpcinv.model.obstacle_passage import DistanceFunction, Passage, Passages, passages
 from hpcinv.model.surface_distance import SurfaceDistance
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.expressions import Expression
+from hpcinv.physics.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
 
 RADIUS = 0.25
 BALL = {"centre": (0.0, 0.0, 0.0), "radius": RADIUS}

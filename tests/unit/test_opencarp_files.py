@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hpcinv.errors import OutputError
+from hpcinv.geometry.workshop.opencarp import directions_of, write_opencarp
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.source import DataArray, Floats, Group, MeshSource
-from hpcinv.workshop.opencarp import directions_of, write_opencarp
 
 MESHES = Path(__file__).parents[2] / "meshes"
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray
-from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "other-programs.md").read_text()

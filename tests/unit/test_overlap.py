@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from helpers.mesh_cases import spec
 
-from hpcinv.certificate.overlap import overlap
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import Body, build_body, read_source
 from hpcinv.mesh.crossing_facets import Overlap, find_overlap
 from hpcinv.mesh.surface import Surface, gather_surface
 from hpcinv.mesh.triangles import crossing, meeting
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate.overlap import overlap
 
 type Move = Callable[[np.ndarray], np.ndarray]
 

@@ -17,17 +17,17 @@ from dolfinx import fem, mesh
 from helpers.reference_kernels import kernels_of_ffcx
 from helpers.without_compiler import without_compiler
 
-from hpcinv.parallel import kernel_files
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points import array_interpreter, interpreter, kernels
-from hpcinv.points.array_interpreter import ArrayKernel
-from hpcinv.points.integrands import Integrand, Sources
-from hpcinv.points.kernels import JIT_OPTIONS
-from hpcinv.points.program import Program
-from hpcinv.points.program_files import Programs, kept_programs
-from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph
-from hpcinv.points.slopes import coefficients, slopes
-from hpcinv.points.tables import Tables
+from hpcinv.base.parallel import kernel_files
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.points import array_interpreter, interpreter, kernels
+from hpcinv.physics.points.array_interpreter import ArrayKernel
+from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.program import Program
+from hpcinv.physics.points.program_files import Programs, kept_programs
+from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
+from hpcinv.physics.points.slopes import coefficients, slopes
+from hpcinv.physics.points.tables import Tables
 
 CUBE = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
 POINTS = np.array([[0.1, 0.2, 0.3], [0.5, 0.1, 0.2], [0.25, 0.25, 0.25], [0.2, 0.6, 0.1], [0.7, 0.1, 0.1]])

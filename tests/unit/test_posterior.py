@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from hpcinv.identification.posterior import Posterior, Target, sample
+from hpcinv.studies.identification.posterior import Posterior, Target, sample
 
 emcee = pytest.importorskip("emcee")
 X = np.linspace(0.0, 1.5, 5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.solver.power_series import Coefficients, PowerSeries
 
 ORDERS = 12

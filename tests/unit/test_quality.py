@@ -11,13 +11,13 @@ import pytest
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from helpers.verification import job
 
-from hpcinv.certificate.check import Verdict
-from hpcinv.certificate.quality import curvature, mean_ratio, scaled_jacobian, worst_cells
-from hpcinv.certificate.shape import cells
-from hpcinv.certificate.symmetry import symmetry_planes
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate.check import Verdict
+from hpcinv.trust.certificate.quality import curvature, mean_ratio, scaled_jacobian, worst_cells
+from hpcinv.trust.certificate.shape import cells
+from hpcinv.trust.certificate.symmetry import symmetry_planes
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,7 @@ from typing import Annotated
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from hpcinv.effects.gravity import Gravity
-from hpcinv.materials.mooney_rivlin import MooneyRivlin
-from hpcinv.quantity.quantity import (
+from hpcinv.base.quantity.quantity import (
     AnyQuantity,
     BulkStress,
     Density,
@@ -20,9 +18,11 @@ from hpcinv.quantity.quantity import (
     Stress,
     quantities_of,
 )
-from hpcinv.quantity.schema import Spec, Triple
-from hpcinv.quantity.units import Dimension, parse_quantity
-from hpcinv.quantity.written_units import as_shown, written_units
+from hpcinv.base.quantity.schema import Spec, Triple
+from hpcinv.base.quantity.units import Dimension, parse_quantity
+from hpcinv.base.quantity.written_units import as_shown, written_units
+from hpcinv.physics.effects.gravity import Gravity
+from hpcinv.physics.materials.mooney_rivlin import MooneyRivlin
 
 LENGTH, STRESS, DENSITY = Dimension(1, 0, 0), Dimension(-1, 1, -2), Dimension(-3, 1, 0)
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel import children
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.isolated import reading_ahead
 from hpcinv.mesh.readers import FILES
-from hpcinv.parallel import children
 
 TETRAHEDRON = "*node\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n4, 0, 0, 1\n*element, type=C3D4, elset=all\n1, 1, 2, 3, 4\n"
 

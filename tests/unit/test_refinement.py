@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from helpers.mesh_cases import conditions, spec
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.mesh import MeshSource, build_body, read_source
 from hpcinv.mesh.cells import coordinate_element, no_cells
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import DataArray
-from hpcinv.parallel.runtime import MPI, on_root
 
 pytestmark = pytest.mark.slow
 

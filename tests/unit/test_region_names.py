@@ -20,6 +20,7 @@ from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
 import hpcinv
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.job import mesh_contents
 from hpcinv.mesh import MeshSource, read_source
@@ -27,7 +28,6 @@ from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray
-from hpcinv.parallel.runtime import MPI
 
 JOB: dict[str, Any] = {
     "analysis": "forward",

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 from helpers.run_directories import SIZE, boundary, cube, interior, run_directory, summary
 
-from hpcinv.certificate import TOPICS, Line, Verdict
-from hpcinv.certificate.stability_check import STABILITY
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import is_of_nodes
-from hpcinv.pictures.boundary_surface import NAME, read_boundary
-from hpcinv.pictures.decimation import decimated
-from hpcinv.pictures.snapshots import NAME as SNAPSHOTS
-from hpcinv.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
-from hpcinv.reports.charts import convergence_chart, load_chart
-from hpcinv.reports.packed_arrays import PackedArrays
-from hpcinv.reports.run_page import run_page, write_run_report
-from hpcinv.reports.wording import words
+from hpcinv.pages.pictures.boundary_surface import NAME, read_boundary
+from hpcinv.pages.pictures.decimation import decimated
+from hpcinv.pages.pictures.snapshots import NAME as SNAPSHOTS
+from hpcinv.pages.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
+from hpcinv.pages.reports.charts import convergence_chart, load_chart
+from hpcinv.pages.reports.packed_arrays import PackedArrays
+from hpcinv.pages.reports.run_page import run_page, write_run_report
+from hpcinv.pages.reports.wording import words
+from hpcinv.trust.certificate import TOPICS, Line, Verdict
+from hpcinv.trust.certificate.stability_check import STABILITY
 
 
 def decoded(spec: dict[str, Any], text: str) -> np.ndarray:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.command_line import BLOCK, write_job
 
-from hpcinv.files import atomic
+from hpcinv.base.files import atomic
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
-from hpcinv.serving.job_editor import JobEditor
+from hpcinv.studies.serving.job_editor import JobEditor
 
 
 def mode_of(path: Path) -> int:

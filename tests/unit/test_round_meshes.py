@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from helpers.mesh_cases import spec
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import MeshSource, build_body, read_source
 from hpcinv.mesh.cells import FACET_KIND, scalar_element
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = pytest.mark.slow
 

@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 
-from hpcinv.certificate import Verdict
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import Interrupted, OutputError, SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output import checkpoint_writer, run_report
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.result import Result
 from hpcinv.output.run_report import RunReport
-from hpcinv.parallel.runtime import MPI
-from hpcinv.reports import run_page
+from hpcinv.pages.reports import run_page
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolvedDirection, SolveEvent
+from hpcinv.trust.certificate import Verdict
 
 LINEAR: Any = SimpleNamespace()
 

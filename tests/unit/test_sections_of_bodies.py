@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
-from hpcinv.parallel.runtime import MPI
-from hpcinv.pictures.interior import Interior, cut_tetrahedra, read_interior, write_interior
-from hpcinv.pictures.interior_gathering import interior_of
+from hpcinv.pages.pictures.interior import Interior, cut_tetrahedra, read_interior, write_interior
+from hpcinv.pages.pictures.interior_gathering import interior_of
 
 CORNERS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hpcinv.reports.shape_error import REMEDIES, shape_error
-from hpcinv.reports.wording import words
+from hpcinv.pages.reports.shape_error import REMEDIES, shape_error
+from hpcinv.pages.reports.wording import words
 
 DISPLACEMENT = 4e-3
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.sheets import sheet
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.job.sections import MeshSpec, Shell
@@ -19,7 +20,6 @@ from hpcinv.mesh.mesh_files import save_body
 from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import MeshSource
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

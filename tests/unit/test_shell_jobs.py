@@ -15,6 +15,8 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.spatial_fields import VaryingQuantity
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
 from hpcinv.job.sections import Shell
@@ -24,11 +26,9 @@ from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import DataArray, MeshSource
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.pictures import job_picture
-from hpcinv.pictures.boundary_surface import Boundary
-from hpcinv.quantity.spatial_fields import VaryingQuantity
-from hpcinv.reports.symbols import symbols
+from hpcinv.pages.pictures import job_picture
+from hpcinv.pages.pictures.boundary_surface import Boundary
+from hpcinv.pages.reports.symbols import symbols
 
 THIN = Shell(thickness=0.1)
 CELLS = CellType.hexahedron

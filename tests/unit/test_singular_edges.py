@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from helpers.verification import box, job
 
-from hpcinv.certificate.discretisation_error import quantities_at_singular_fibres
-from hpcinv.certificate.singular_edges import SingularEdges, singular_edges
-from hpcinv.certificate.singular_limit import SingularLimit
-from hpcinv.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate.discretisation_error import quantities_at_singular_fibres
+from hpcinv.trust.certificate.singular_edges import SingularEdges, singular_edges
+from hpcinv.trust.certificate.singular_limit import SingularLimit
+from hpcinv.trust.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 
 FREE, SLIDING, CLAMPED = Hold.FREE, Hold.SLIDING, Hold.CLAMPED
 NU_3, NU_5 = 1.8, 1.0  # 3 - 4ν

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import Support
 from hpcinv.mesh.source import Floats
 from hpcinv.model.sliding_surfaces import surface_of
-from hpcinv.parallel.runtime import MPI
 
 
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])

@@ -16,10 +16,10 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
 
-from hpcinv.kinematics.kinematics import Deformation
-from hpcinv.kinematics.principal_stretches import IsochoricStretches
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.kinematics.kinematics import Deformation
+from hpcinv.physics.kinematics.principal_stretches import IsochoricStretches
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 pytestmark = pytest.mark.slow
 

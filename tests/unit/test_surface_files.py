@@ -14,10 +14,10 @@ import pyvista
 from helpers.imaging_cases import HELD, JOB, inside, volumes
 
 from hpcinv.errors import JobError, MeshError
+from hpcinv.geometry.imaging.mesh_report import report_distance
 from hpcinv.job.job import parse
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
-from hpcinv.mesh.imaging.mesh_report import report_distance
 from hpcinv.mesh.source import MeshSource
 
 pytestmark = pytest.mark.usefixtures("warm_reader")

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hpcinv.batch.axis_table import axis_of
 from hpcinv.errors import MeshError
-from hpcinv.identification.observations import read_table
-from hpcinv.mesh.vessels.centrelines import read_centrelines
+from hpcinv.geometry.vessels.centrelines import read_centrelines
+from hpcinv.studies.batch.axis_table import axis_of
+from hpcinv.studies.identification.observations import read_table
 
 ROWS = ["0.1,0.2,0.3", "0.4,0.5,0.6", "0.7,0.8,0.9"]
 POINTS = np.arange(1, 10).reshape(3, 3) / 10

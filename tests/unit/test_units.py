@@ -5,7 +5,7 @@ from __future__ import annotations
 import pint
 import pytest
 
-from hpcinv.quantity.units import DERIVED, PREFIXES, WITH_PREFIX, parse_quantity
+from hpcinv.base.quantity.units import DERIVED, PREFIXES, WITH_PREFIX, parse_quantity
 
 THEIRS = pint.UnitRegistry()
 NAMES = {"µ": "u", "μ": "u", "h": "hour", "min": "minute", "g_n": "standard_gravity", "°": "degree", "%": "percent"}

@@ -13,12 +13,12 @@ import yaml
 from helpers.verification import HERE
 
 import hpcinv
+from hpcinv.base.quantity.expressions import Expression
+from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, ByRegion, is_uniform
 from hpcinv.errors import JobError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.quantity.expressions import Expression
-from hpcinv.quantity.spatial_fields import ByData, ByFormula, ByRegion, is_uniform
 
 BOX = Path(__file__).parents[2] / "meshes" / "box.py"
 HELD = [{"region": "x0", "fix": ["x", "y", "z"]}]

@@ -13,13 +13,13 @@ import pyvista
 from helpers.schemas import refusals
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[2]
 TUBE = "x, y, z, radius\n0, 0, 0, 10\n0, 0, 50, 10\n"

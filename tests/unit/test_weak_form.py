@@ -11,17 +11,17 @@ from dolfinx import fem
 from ffcx.naming import compute_signature
 from helpers.verification import box, job
 
-from hpcinv.effects import effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.parameter_paths import Number
+from hpcinv.base.quantity.schema import dotted_key
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
 from hpcinv.job.reuse_key import reuse_group_of
-from hpcinv.materials import laws
 from hpcinv.mesh import Body, build_body
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.parameter_paths import Number
-from hpcinv.quantity.schema import dotted_key
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
 from hpcinv.solver.equations import Equations
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, -9.81, 0], "density": 1000}

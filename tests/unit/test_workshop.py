@@ -24,6 +24,10 @@ from hpcinv.__main__ import main
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.formats import FORMATS
 from hpcinv.formats import MESHES as SAVED
+from hpcinv.geometry.workshop.cell_mesh import write_cells
+from hpcinv.geometry.workshop.formats import WRITERS, write
+from hpcinv.geometry.workshop.mould import Split, loose_pieces, mould, undercut
+from hpcinv.geometry.workshop.solid import Solid, region_cells, solid_of, volume_of
 from hpcinv.job.job import load as load_job
 from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.mesh.body import read_source
@@ -34,10 +38,6 @@ from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.workshop.cell_mesh import write_cells
-from hpcinv.workshop.formats import WRITERS, write
-from hpcinv.workshop.mould import Split, loose_pieces, mould, undercut
-from hpcinv.workshop.solid import Solid, region_cells, solid_of, volume_of
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BLOCK: dict[str, Any] = {"lx": 0.06, "ly": 0.03, "lz": 0.02, "nx": 3, "ny": 2, "nz": 2}
@@ -210,12 +210,12 @@ def test_mesh_files_hold_the_thick_body_of_a_shell(suffix: str, tmp_path: Path) 
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     """In a process of its own, whose files may have 20,000 bytes; libraries would write half a file, or abort."""
     code = """
-import hpcinv.parallel.ranks, lib3mf, resource, sys  # MPI and a first import need files of their own
+import hpcinv.base.parallel.ranks, lib3mf, resource, sys  # MPI and a first import need files of their own
 from pathlib import Path
 from hpcinv.errors import OutputError
-from hpcinv.workshop.cell_mesh import write_cells
-from hpcinv.workshop.formats import WRITERS, write
-from hpcinv.workshop.solid import Solid
+from hpcinv.geometry.workshop.cell_mesh import write_cells
+from hpcinv.geometry.workshop.formats import WRITERS, write
+from hpcinv.geometry.workshop.solid import Solid
 import numpy as np, pyvista
 sphere = pyvista.Sphere(theta_resolution=60, phi_resolution=60)
 solid = Solid(np.asarray(sphere.points, dtype=float), np.asarray(sphere.regular_faces, dtype=np.int64))

@@ -12,9 +12,9 @@ import yaml
 from helpers.card_cases import law_of, material
 
 from hpcinv.__main__ import main
-from hpcinv.cards import abaqus, ansys, febio
-from hpcinv.cards.card import CardError, UnknownLaw, Values
-from hpcinv.materials import MaterialLaw, laws
+from hpcinv.formats.cards import abaqus, ansys, febio
+from hpcinv.formats.cards.card import CardError, UnknownLaw, Values
+from hpcinv.physics.materials import MaterialLaw, laws
 
 
 def changed(law: type[MaterialLaw], volumetric: str | None) -> MaterialLaw:

@@ -18,23 +18,23 @@ from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
 import hpcinv as package
-from hpcinv.accuracy.accuracy_record import AccuracyStep, Ending
-from hpcinv.accuracy.decision import errors_of
-from hpcinv.accuracy.marking import plan
-from hpcinv.accuracy.meshes import Meshes, is_straight
-from hpcinv.accuracy.search import Search
-from hpcinv.accuracy.trial import attempt, guess_from
-from hpcinv.certificate import Verdict
-from hpcinv.certificate.discretisation_error import estimate
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body, read_source
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT
+from hpcinv.trust.accuracy.accuracy_record import AccuracyStep, Ending
+from hpcinv.trust.accuracy.decision import errors_of
+from hpcinv.trust.accuracy.marking import plan
+from hpcinv.trust.accuracy.meshes import Meshes, is_straight
+from hpcinv.trust.accuracy.search import Search
+from hpcinv.trust.accuracy.trial import attempt, guess_from
+from hpcinv.trust.certificate import Verdict
+from hpcinv.trust.certificate.discretisation_error import estimate
 
 
 def kept(case: Case, result: Result) -> bool:
@@ -232,7 +232,7 @@ def test_a_signal_in_an_estimate_ends_the_search(comm: MPI.Intracomm, monkeypatc
         asked.append(True)
         return estimate(*args, **options)
 
-    monkeypatch.setattr("hpcinv.accuracy.trial.estimate", stopped_estimate)
+    monkeypatch.setattr("hpcinv.trust.accuracy.trial.estimate", stopped_estimate)
     with pytest.raises(Interrupted, match="in step 1 towards the accuracy demanded; nothing was saved"):
         package.run(clamped(1e-6, hexahedra=True), comm, stop_asked=lambda: bool(asked))
     assert len(asked) == 1

@@ -13,16 +13,16 @@ from helpers.small_systems import SmallSystem
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate.check import Verdict
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.arc_length import ArcLengthSteps, trace
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
+from hpcinv.trust.certificate.check import Verdict
 
 # Small systems of equations, without finite elements.
 

@@ -26,10 +26,10 @@ def benchmarks_importable(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("element", CELLS)
 def test_nodal_forces_have_resultant_and_moment_of_the_traction(element: str, tmp_path: Path) -> None:
     from benchmarks.published.calculix import deck
+    from hpcinv.base.quantity.keys import assigned
     from hpcinv.job.job import parse
     from hpcinv.job.yaml_reader import read_yaml
     from hpcinv.mesh.body import read_source
-    from hpcinv.quantity.keys import assigned
 
     path = ROOT / "benchmarks" / "published" / "calculix" / "block.yaml"
     degree = CELLS[element]["discretisation.displacement"]

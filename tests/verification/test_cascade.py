@@ -12,12 +12,12 @@ from helpers.paths import OCTANT, SPHERE, cube, tried
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
-from hpcinv.methods import fallbacks
-from hpcinv.methods.fallbacks import Attempt, attempts
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.methods import fallbacks
+from hpcinv.solver.methods.fallbacks import Attempt, attempts
 from hpcinv.solver.newton import NewtonIteration, Solve
 
 MU, B = 1.0, 10.0  # Fung–Demiray

@@ -14,20 +14,20 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict
+from hpcinv.base.parallel import jit
+from hpcinv.base.parallel.petsc_vectors import dot
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
-from hpcinv.methods import solve_direction
-from hpcinv.methods.method import UNLOADED, Start
 from hpcinv.model.cavities import cavity_equations, check_cavities
-from hpcinv.parallel import jit
-from hpcinv.parallel.petsc_vectors import dot
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import UNLOADED, Start
 from hpcinv.solver.newton import Floor
 from hpcinv.solver.observer import SILENT
+from hpcinv.trust.certificate import Line, Verdict
 
 HOLE = {"surface": "inner", "lid": {"apex": [0, 0, 0]}}
 VOLUMES = [{"name": over, "of": "volume", "cavity": "hole", "over": over} for over in ("reference", "current")]

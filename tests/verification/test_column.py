@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 from helpers.verification import Solved, box, job
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 pytestmark = pytest.mark.fast
 

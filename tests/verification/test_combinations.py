@@ -18,15 +18,15 @@ from helpers.sheets import save_sheet
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError
 from hpcinv.job import combinations
 from hpcinv.job.combinations import PARTS, REFUSED
 from hpcinv.mesh import build_body
-from hpcinv.methods import solve_direction
-from hpcinv.methods.method import Start
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import Start
 from hpcinv.solver.observer import SILENT
 
 CLAMP = {"region": "x0", "fix": ["x", "y", "z"]}

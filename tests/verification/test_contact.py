@@ -13,12 +13,12 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import Interrupted, MeshError, SolveError
 from hpcinv.job.job import load
-from hpcinv.methods.direct_method import DirectMethod
-from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.methods.direct_method import DirectMethod
+from hpcinv.solver.methods.method import Guess
 
 ROOT = Path(__file__).parents[2]
 MATERIAL = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.3}

@@ -19,12 +19,12 @@ from ffcx.naming import compute_signature
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.effects import Effect, effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.physics.effects import Effect, effects
 from hpcinv.solver.equations import Equations
 
 MATERIAL = {"law": "neo-hookean", "mu": "30 kPa", "lam": "120 kPa"}
@@ -149,7 +149,7 @@ def only_gravity(path=None, prefix=""):
     kept = {"effect", "gravity"} if any(str(p).endswith("effects") for p in path or ()) else None
     return (m for m in found(path, prefix) if kept is None or m.name in kept)
 pkgutil.iter_modules = only_gravity
-import hpcinv.parallel.runtime
+import hpcinv.base.parallel.runtime
 sys.path[:0] = sys.argv[1:]
 from test_effects import EXAMPLES, footprints
 print(json.dumps([list(EXAMPLES), footprints(), footprints("gravity")]))

@@ -23,8 +23,8 @@ from helpers.equalities import (
 )
 
 import hpcinv
-from hpcinv.effects import effects
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.effects import effects
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

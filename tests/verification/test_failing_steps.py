@@ -10,11 +10,11 @@ from helpers.sheets import flat, save_sheet
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import SolveError
 from hpcinv.mesh import build_body
 from hpcinv.output.progress import SilentProgress
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.failing_motion import failing_motion
 

@@ -16,6 +16,7 @@ import pyvista
 from helpers.verification import Solved, box, job
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.cli.rehearsal import rehearse
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
@@ -23,7 +24,6 @@ from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.model.fibre_directions import _farthest, cell_vectors, rule_directions
 from hpcinv.model.laplace import Laplace
-from hpcinv.parallel.runtime import MPI
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}
 VENTRICLE = {"kind": "ventricle", "endo": "endo", "epi": "epi", "base": "base", "helix": ["60 deg", "-60 deg"]}

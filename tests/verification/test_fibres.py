@@ -21,10 +21,10 @@ from helpers.mesh_cases import spec
 from helpers.verification import BOX, Solved, box, job
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body, read_source
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 
 ARTERY = {"law": "holzapfel-gasser-ogden", "mu": 3e3, "k1": 2.4e3, "k2": 0.84, "dispersion": 0.05, "kappa": 2e4}

@@ -13,15 +13,15 @@ import scipy.integrate
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT
 
-from hpcinv.dossier.content import dossier_page
-from hpcinv.dossier.context import DossierContext
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
-from hpcinv.identification.filling_curves import MMHG, KlotzCurve
-from hpcinv.identification.identification_page import FIGURES, write_identification_report
-from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import parse
 from hpcinv.mesh.io.vtu import read_vtu
-from hpcinv.parallel.runtime import MPI
+from hpcinv.studies.dossier.content import dossier_page
+from hpcinv.studies.dossier.context import DossierContext
+from hpcinv.studies.identification.filling_curves import MMHG, KlotzCurve
+from hpcinv.studies.identification.identification_page import FIGURES, write_identification_report
+from hpcinv.studies.identification.identification_run import identify
 
 TRUE = {"c1": 0.5, "c2": 0.1}
 GIVEN, PRESSURES = 0.2, (0.4,)

@@ -8,8 +8,8 @@ import pytest
 from helpers.verification import box, job
 
 from hpcinv import run
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
-from hpcinv.parallel.runtime import MPI
 
 BLOCK: dict[str, Any] = {
     "analysis": "forward",

@@ -13,7 +13,7 @@ import pytest
 import ufl
 from helpers.verification import Solved, box, digits, job
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 C1, C2, K = 1.0e5, 1.5e5, 0.3
 

@@ -22,8 +22,7 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius, 
 from helpers.verification import job
 
 import hpcinv as package
-from hpcinv.certificate import two_level
-from hpcinv.certificate.extension import extend
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, write_mesh
 from hpcinv.mesh.io import cad_surface
@@ -37,7 +36,8 @@ from hpcinv.mesh.refine.finer_geometry import (
 )
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate import two_level
+from hpcinv.trust.certificate.extension import extend
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
 EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)

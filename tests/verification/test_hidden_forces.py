@@ -10,11 +10,11 @@ from helpers.command_line import NO_CERTIFICATE, ROOT
 from helpers.verification import box
 
 import hpcinv
-from hpcinv.identification.identification_report import describe
-from hpcinv.identification.identification_run import Identified, identify
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job, parse
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_report import describe
+from hpcinv.studies.identification.identification_run import Identified, identify
 
 SD = 1e-3  # m, of landmarks; the block has edges of 1 m
 CENTRES = [[0.0, 0.5, 1.0], [1.0, 0.5, 1.0]]

@@ -10,7 +10,7 @@ from helpers.closed_forms import NEO_HOOKEAN, neo_hookean_stress, root, uniaxial
 from helpers.resultants import Loaded, bend, wave
 from helpers.verification import Solved, box, digits, job
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 DENSITY = 1000.0
 FACES = ("x0", "x1", "y0", "y1", "z0", "z1")

@@ -13,15 +13,15 @@ from helpers.command_line import NO_CERTIFICATE, ROOT
 from helpers.verification import box
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError, MeshError, OutputError
-from hpcinv.identification.identification_report import identifiability, warnings
-from hpcinv.identification.identification_run import Identified, identify
-from hpcinv.identification.shares import StateShare, shares_of, teams_of
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_report import identifiability, warnings
+from hpcinv.studies.identification.identification_run import Identified, identify
+from hpcinv.studies.identification.shares import StateShare, shares_of, teams_of
 
 TRUE = {"material.mu": 9e3, "material.lam": 30e3}
 MARKS = [(1.0, 1.0, 1.0), (0.0, 1.0, 1.0), (0.5, 1.0, 0.5)]
@@ -259,7 +259,7 @@ def check_scans(identified: Identified, scans: int) -> None:
 
 def test_derivatives_of_all_kinds_of_observations(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """What is predicted for landmarks, nodes and points of surfaces moves as its derivatives say."""
-    from hpcinv.identification.job_evaluation import Evaluations
+    from hpcinv.studies.identification.job_evaluation import Evaluations
 
     given = read_source(job().mesh, job().resolve(job().mesh.file))
     rng = np.random.default_rng(1)

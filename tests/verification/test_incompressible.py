@@ -8,7 +8,7 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 LAWS: dict[str, dict[str, Any]] = {
     "neo-hookean": {"law": "neo-hookean", "mu": "30 kPa", "lam": "incompressible"},

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from helpers.verification import Solved, box, job
 
-from hpcinv.materials import laws
-from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.materials import laws
+from hpcinv.physics.materials.isochoric import IsochoricLaw
 
 AXES = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 STRETCHES = 1.12, 0.97

@@ -12,14 +12,14 @@ from helpers.verification import box, job
 from petsc4py import PETSc
 
 import hpcinv
-from hpcinv.certificate import inertia
-from hpcinv.certificate.inertia import factorize_symmetric
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
+from hpcinv.trust.certificate import inertia
+from hpcinv.trust.certificate.inertia import factorize_symmetric
 
 
 def filled(dense: np.ndarray, comm: MPI.Intracomm) -> PETSc.Mat:

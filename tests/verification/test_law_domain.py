@@ -10,8 +10,8 @@ from helpers.closed_forms import root
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
-from hpcinv.parallel.runtime import MPI
 
 JM = 0.2
 

@@ -15,11 +15,11 @@ from dolfinx import fem
 from dolfinx.fem.petsc import LinearProblem
 from helpers.verification import Solved, box, job
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
-from hpcinv.materials import laws
-from hpcinv.materials.isochoric import IsochoricLaw
-from hpcinv.parallel.runtime import MPI
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.materials import laws
+from hpcinv.physics.materials.isochoric import IsochoricLaw
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 """Orthonormal directions for as many families of fibres; none that a box would leave at its length by chance."""

@@ -9,9 +9,9 @@ from helpers.command_line import ROOT
 from helpers.verification import job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
 from hpcinv.output.text_report import _errors_of_quantity
-from hpcinv.parallel.runtime import MPI
 
 ESTIMATE = {"level": "off", "estimate": True}
 INNER, OUTER = 0.9, 1.1  # m: R/t = 5

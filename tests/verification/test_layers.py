@@ -17,8 +17,8 @@ from helpers.closed_forms import root
 from helpers.verification import Solved, digits, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 INNER, MIDDLE, OUTER, PRESSURE = 0.5, 0.75, 1.0, 20e3
 MU = {"core": 100e3, "elsewhere": 10e3}

@@ -10,15 +10,15 @@ from helpers.certificate_cases import column, line
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import Verdict, limit_point_check
-from hpcinv.certificate.check import skipped
-from hpcinv.certificate.limit_point_check import LIMIT_POINTS, limit_points
-from hpcinv.certificate.stability_check import STABILITY
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.linear.factorization import Direct
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.newton import Solve
+from hpcinv.trust.certificate import Verdict, limit_point_check
+from hpcinv.trust.certificate.check import skipped
+from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS, limit_points
+from hpcinv.trust.certificate.stability_check import STABILITY
 
 
 @pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])

@@ -17,11 +17,11 @@ from helpers.mesh_cases import spec
 from helpers.verification import box, job
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import CheckpointError, Interrupted, JobError
 from hpcinv.mesh import build_body, read_source
 from hpcinv.output.progress import Progress
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.load_stepping import follow
 from hpcinv.solver.newton import Solve

@@ -10,10 +10,10 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.forward_factors import ForwardFactors
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
-from hpcinv.parallel.runtime import MPI
+from hpcinv.trust.certificate import Line, Verdict
+from hpcinv.trust.certificate.forward_factors import ForwardFactors
 
 LENGTH, SIDE, YOUNG = 1.0, 0.1, 1e6
 EULER = pi**2 * YOUNG * SIDE**4 / 12 / (4 * LENGTH**2)

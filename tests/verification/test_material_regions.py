@@ -18,13 +18,13 @@ from helpers.mesh_cases import spec
 from helpers.verification import BOX, Solved, box, job
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 
 C1, C2, D1 = 4e3, 1e3, 15e3

@@ -17,15 +17,15 @@ from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.methods import UPDATES, FixedPointMethod
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import UPDATES, FixedPointMethod
 
 type Map = Callable[[np.ndarray], np.ndarray]
 

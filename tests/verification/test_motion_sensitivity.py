@@ -9,8 +9,8 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.keys import assigned
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.solver.workspace import Workspace
 
 PLACE = "supports[1].motion"

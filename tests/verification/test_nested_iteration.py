@@ -14,21 +14,21 @@ from helpers import silicone_beam
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
-from hpcinv.methods import nested_iteration
-from hpcinv.methods.method import NESTED
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI, on_root
 from hpcinv.solver.linear import selection
+from hpcinv.solver.methods import nested_iteration
+from hpcinv.solver.methods.method import NESTED
 from hpcinv.solver.newton import Solve
+from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS
 
 SIGN = nested_iteration._sign
 
 CUBOID = """
-from hpcinv.quantity import Length, Size
+from hpcinv.base.quantity import Length, Size
 
 def build(gmsh, *, length: Length = 3.0, thickness: Length = 1.0, size: Size = 0.4):
     occ = gmsh.model.occ

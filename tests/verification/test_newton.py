@@ -11,10 +11,10 @@ from helpers.verification import job
 from petsc4py import PETSc
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.newton import NewtonIteration, NewtonMonitor
 from hpcinv.solver.predictor import Increment
 

@@ -9,9 +9,9 @@ from helpers.silicone_beam import C1, C2, DENSITY, DIAMETER, GRAVITY, LENGTH
 from helpers.verification import HERE, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import reorder_to_source
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 
 def beam(size: str, comm: MPI.Intracomm, **changes: object) -> Result:

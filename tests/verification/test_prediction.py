@@ -9,10 +9,10 @@ import pytest
 from helpers.verification import box, job
 from petsc4py import PETSc
 
-from hpcinv.assembly.tangent import FilledTangent, tangents_for
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.model.assembly.tangent import FilledTangent, tangents_for
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.predictor import Increment

@@ -9,7 +9,7 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 LAYER: dict[str, Any] = {
     "effect": "contact",

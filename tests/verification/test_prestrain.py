@@ -21,10 +21,10 @@ from helpers.mesh_cases import spec
 from helpers.verification import Solved, box, digits, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError
 from hpcinv.mesh import build_body, write_mesh
 from hpcinv.mesh.source import DataArray
-from hpcinv.parallel.runtime import MPI, on_root
 
 MESHES = ROOT / "meshes"
 NOTHING = np.zeros((3, 3))

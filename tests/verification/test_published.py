@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from helpers.command_line import ROOT
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 if TYPE_CHECKING:
     from benchmarks.published.references import PublishedValue

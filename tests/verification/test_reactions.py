@@ -13,10 +13,10 @@ from helpers.command_line import BLOCK, hpcinv_here, write_job
 from helpers.verification import box, job
 
 from hpcinv import run
-from hpcinv.batch.tables import unit_of
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import load
 from hpcinv.output.text_report import report
-from hpcinv.parallel.runtime import MPI
+from hpcinv.studies.batch.tables import unit_of
 
 ABOUT = [0.3, -0.2, 0.4]
 REACTIONS = [

@@ -10,10 +10,10 @@ from helpers.closed_forms import MU, root
 from helpers.verification import box, deform, job
 
 from hpcinv import run
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.remote_border import RemoteBorder
 

@@ -14,11 +14,11 @@ from helpers.mesh_cases import spec
 from helpers.verification import job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 EVEN = [p for p in permutations(range(4)) if np.linalg.det(np.eye(4)[list(p)]) > 0]
 

@@ -21,7 +21,7 @@ from helpers.rotating_bar import DENSITY, LENGTH, SPIN, lengthening, rest_length
 from helpers.verification import HERE, box, digits, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 DIRECTIONS = ("forward", "inverse")
 

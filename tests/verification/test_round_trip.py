@@ -12,16 +12,16 @@ from helpers.command_line import NO_CERTIFICATE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict, inertia
-from hpcinv.certificate import round_trip as module
-from hpcinv.certificate.forward_factors import ForwardFactors
-from hpcinv.certificate.round_trip import remaining, round_trip
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.trust.certificate import Line, Verdict, inertia
+from hpcinv.trust.certificate import round_trip as module
+from hpcinv.trust.certificate.forward_factors import ForwardFactors
+from hpcinv.trust.certificate.round_trip import remaining, round_trip
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -0.15], "density": 1000}
 FOLLOWER = {"effect": "pressure", "region": "z1", "pressure": 100.0}

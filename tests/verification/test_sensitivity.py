@@ -17,14 +17,14 @@ from helpers.thick_sphere import INNER, PRESSURE, carried
 from helpers.verification import box, job
 
 import hpcinv as package
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.keys import assigned
-from hpcinv.sensitivity.analysis import Sensitivities
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.sensitivity.analysis import Sensitivities
 
 MU, LAM, SQUEEZE = 10e3, 40e3, 3e3
 STEP = 1e-3  # relative

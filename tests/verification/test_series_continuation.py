@@ -14,22 +14,22 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import hpcinv
-from hpcinv.assembly import taylor_residual
-from hpcinv.certificate import Verdict
-from hpcinv.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.methods import fallbacks
+from hpcinv.model.assembly import taylor_residual
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import selection
 from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.methods import fallbacks
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
 from hpcinv.solver.series_continuation import SeriesContinuation
+from hpcinv.trust.certificate import Verdict
+from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}

@@ -10,16 +10,16 @@ from helpers.shell_cases import CLAMPED, LINEAR, YOUNG, cylinder, gap, job, solv
 
 import hpcinv
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.cli.rehearsal import rehearse
 from hpcinv.errors import MeshError
-from hpcinv.identification.identification_run import identify
 from hpcinv.job.job import parse
-from hpcinv.materials import laws
 from hpcinv.mesh.readers import read_surface
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.physics.materials import laws
 from hpcinv.solver.equations import Equations
+from hpcinv.studies.identification.identification_run import identify
 
 SIDES = {"region": "y0", "fix": ["y"]}
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]

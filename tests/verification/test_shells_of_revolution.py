@@ -8,11 +8,11 @@ import pytest
 from helpers.sheets import flat, save_sheet, save_sphere_octant
 from helpers.shell_cases import YOUNG, cylinder, gap, solve
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError, SolveError
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 from hpcinv.results.cell_fields import face_arrays
 
 HALVED = [{"region": "x0", "fix": ["x"]}, {"region": "y0", "fix": ["y"]}]

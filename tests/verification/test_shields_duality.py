@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from helpers.verification import Solved, box, job
 
-from hpcinv.materials import laws
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.materials import laws
 
 _DUAL = {"I1": "(I2/J**2)", "I2": "(I1/J**2)", "J": "(1/J)", "I1_bar": "I2_bar", "I2_bar": "I1_bar"}
 """invariants of the inverse of a deformation"""

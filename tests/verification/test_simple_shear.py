@@ -13,7 +13,7 @@ import pytest
 import ufl
 from helpers.verification import Solved, box, job
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 C1, C2, MU = 1.0e5, 1.5e5, 3.0e4
 NEARLY, FULLY, SOFT = 5.0e7, "incompressible", 5.0e5

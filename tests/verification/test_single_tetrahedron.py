@@ -11,7 +11,7 @@ import pytest
 from helpers.verification import job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 pytestmark = pytest.mark.fast
 

@@ -16,8 +16,8 @@ from helpers.command_line import ROOT
 from helpers.verification import box, job
 
 import hpcinv as package
-from hpcinv.certificate import Verdict, two_level
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.trust.certificate import Verdict, two_level
 
 sys.path.append(str(ROOT / "benchmarks"))
 

@@ -17,12 +17,12 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
 from helpers.verification import Solved, box, job
 
 from hpcinv import run
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 TURN = np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 1.0]]))[0]
 TURN *= np.linalg.det(TURN)

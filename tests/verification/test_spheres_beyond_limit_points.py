@@ -11,9 +11,9 @@ from helpers.paths import INNER, OCTANT, OUTER, SPHERE
 from helpers.verification import job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 # A thick balloon, incompressible: its pressure has a maximum.
 

@@ -17,17 +17,17 @@ from helpers.verification import box, job
 from petsc4py import PETSc
 
 import hpcinv
-from hpcinv.batch.status import Status, lines
-from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.confirmation import Confirmed
-from hpcinv.certificate.forward_factors import ForwardFactors
-from hpcinv.certificate.inertia import inertia
-from hpcinv.certificate.stability_check import _unstable, stability
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.studies.batch.status import Status, lines
+from hpcinv.trust.certificate import Line, Verdict
+from hpcinv.trust.certificate.confirmation import Confirmed
+from hpcinv.trust.certificate.forward_factors import ForwardFactors
+from hpcinv.trust.certificate.inertia import inertia
+from hpcinv.trust.certificate.stability_check import _unstable, stability
 
 STABILITY = NO_CERTIFICATE | {"stability": True}
 NEO_HOOKEAN = {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"}

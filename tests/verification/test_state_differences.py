@@ -11,8 +11,8 @@ from helpers.soft_column import SOFT, column_length, gravity
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
-from hpcinv.parallel.runtime import MPI
 
 WEIGHT = {"density": 1000, "density_in": "current"}
 TOP: dict[str, Any] = {"of": "displacement", "at": [0.1, 0.1, 1]}

@@ -16,9 +16,9 @@ from helpers.verification import box, digits, job
 from scipy.integrate import quad
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.errors import Interrupted, JobError, MeshError
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.keys import assigned
 from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
 

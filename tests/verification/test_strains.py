@@ -14,7 +14,7 @@ from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, root
 from helpers.homogeneous import check, solve
 from helpers.verification import box
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 HEAT = {"effect": "thermal-expansion", "coefficient": "3e-3 1/K", "temperature_change": "60 K"}
 HOT = 1.18

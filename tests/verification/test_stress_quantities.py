@@ -17,11 +17,11 @@ from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
 from helpers.verification import Solved, box, job
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.results.quantities_of_interest import check_points, evaluate
 from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations

@@ -12,19 +12,19 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate.check import Line, Verdict
-from hpcinv.certificate.discretisation_check import DISCRETISATION
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.parallel.timings import Timings
-from hpcinv.quantity.units import Dimension
-from hpcinv.sensitivity.analysis import sensitivities
-from hpcinv.sensitivity.surface_errors import SPREAD, SurfaceErrors, SurfaceSpreads, surface_normals
 from hpcinv.solver.workspace import Workspace
+from hpcinv.trust.certificate.check import Line, Verdict
+from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.sensitivity.analysis import sensitivities
+from hpcinv.trust.sensitivity.surface_errors import SPREAD, SurfaceErrors, SurfaceSpreads, surface_normals
 
 WEIGHT = {"effect": "gravity", "density": 150, "density_in": "current"}
 

@@ -12,7 +12,7 @@ from helpers.homogeneous import SYMMETRY, check, solve
 from helpers.resultants import Loaded, bend, wave
 from helpers.verification import box, job
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 PULL, STIFFNESS = 3e3, 20e3  # Pa, Pa/m
 CONFIGURATIONS = ("reference", "current")

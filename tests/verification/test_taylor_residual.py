@@ -17,15 +17,15 @@ from helpers.verification import box, deform, job
 from helpers.without_compiler import without_compiler
 from mpmath import mp
 
-from hpcinv.assembly import taylor_residual
-from hpcinv.assembly.system import System
-from hpcinv.assembly.taylor_residual import TaylorResidual
-from hpcinv.effects import effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly import taylor_residual
+from hpcinv.model.assembly.system import System
+from hpcinv.model.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
-from hpcinv.points.scalar_graph import NotAnalytic, ScalarGraph
+from hpcinv.physics.effects import effects
+from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
 from hpcinv.solver.equations import Equations
 
 ORDER = 10

@@ -15,7 +15,7 @@ from helpers.thick_cylinder import INNER, OUTER, PRESSURE, A, B
 from helpers.verification import digits, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 
 def radii(direction: str, divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> list[float]:

@@ -18,9 +18,9 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, carried, outer_radius
 from helpers.verification import HERE, digits, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 
 def recovered(pressure: float, c2: float, comm: MPI.Intracomm, mesh: dict[str, Any], **solver: Any) -> Result:

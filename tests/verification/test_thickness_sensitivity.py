@@ -11,8 +11,8 @@ from helpers.sheets import flat, save_sheet
 from helpers.verification import job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.workspace import Workspace
 
 KEY = "mesh.shell.thickness"

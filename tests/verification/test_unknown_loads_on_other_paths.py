@@ -13,7 +13,7 @@ from helpers.thick_sphere import INNER, OUTER, sphere
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 OCTANT = math.pi * INNER**3 / 6
 BALLOON = {key: value for key, value in sphere(1, hexahedra=True).data.items() if key != "effects"} | {

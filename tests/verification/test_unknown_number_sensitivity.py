@@ -13,10 +13,10 @@ from helpers.thick_sphere import INNER, OUTER, sphere
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.identification.identification_run import identify
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.keys import assigned
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.identification.identification_run import identify
 
 HOLE = {"surface": "inner", "lid": {"apex": [0, 0, 0]}}
 OCTANT = np.pi * INNER**3 / 6

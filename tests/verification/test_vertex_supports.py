@@ -11,12 +11,12 @@ from helpers.homogeneous import solve
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.vertex_forces import VERTEX_FORCES
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver import failing_motion
+from hpcinv.trust.certificate import Line, Verdict
+from hpcinv.trust.certificate.vertex_forces import VERTEX_FORCES
 
 POINTS = {"a": [0, 0, 0], "b": [1, 0, 0], "c": [0, 1, 0]}
 REGIONS = {name: {"vertices": [point]} for name, point in POINTS.items()}

@@ -11,13 +11,13 @@ from helpers.thick_sphere import sphere
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import Line, Verdict
-from hpcinv.certificate.volume import UNACCOUNTED
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate import Line, Verdict
+from hpcinv.trust.certificate.volume import UNACCOUNTED
 
 INCOMPRESSIBLE = {"law": "neo-hookean", "mu": 1.0, "lam": "incompressible"}
 

@@ -13,14 +13,14 @@ from helpers.closed_forms import LAM, MU, NEO_HOOKEAN, neo_hookean_stress
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.certificate import equilibrium_residual
-from hpcinv.certificate.check import Verdict
-from hpcinv.certificate.discretisation_check import DISCRETISATION
-from hpcinv.certificate.round_trip import ROUND_TRIP
-from hpcinv.effects import Effect, effects
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.physics.effects import Effect, effects
+from hpcinv.trust.certificate import equilibrium_residual
+from hpcinv.trust.certificate.check import Verdict
+from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.certificate.round_trip import ROUND_TRIP
 
 STRETCH = 1.04
 HEATED = {"effect": "thermal-expansion", "coefficient": "1e-3 1/K", "temperature_change": "40 K"}

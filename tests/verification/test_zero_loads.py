@@ -13,16 +13,16 @@ from helpers.hollow_block import hollow_block
 from helpers.sheets import flat, save_sheet
 from helpers.verification import box, job
 
-from hpcinv.effects import effects
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.cavities import CONTROLS
 from hpcinv.job.sections import Support
 from hpcinv.mesh import build_body
 from hpcinv.mesh.source import MeshSource
-from hpcinv.methods import solve_direction
-from hpcinv.methods.method import UNLOADED
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.physics.effects import effects
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import UNLOADED
 from hpcinv.solver.observer import SILENT
 
 EFFECTS: dict[str, dict[str, Any]] = {

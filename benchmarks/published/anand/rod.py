@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Length
+    from hpcinv.base.quantity import Length
 
 
 def build(gmsh: Any, *, radius: Length = 0.0127, length: Length = 0.003175, size: Length = 0.004) -> None:

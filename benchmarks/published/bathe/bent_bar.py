@@ -9,7 +9,7 @@ from math import pi
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions, Length
+    from hpcinv.base.quantity import Divisions, Length
 
 
 def build(gmsh: Any, *, radius: Length = 100.0, section: Length = 0.570732, along: Divisions = 24) -> None:

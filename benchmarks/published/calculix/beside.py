@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.keys import assigned
 from hpcinv.job.job import Job, parse
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.readers import read_msh
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.parallel.runtime import MPI
-from hpcinv.quantity.keys import assigned
 
 from . import deck
 

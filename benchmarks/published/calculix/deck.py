@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.effects.traction import Traction
 from hpcinv.job.job import Job
-from hpcinv.materials.isochoric_neo_hookean import IsochoricNeoHookean
-from hpcinv.materials.mooney_rivlin import MooneyRivlin
 from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.physics.effects.traction import Traction
+from hpcinv.physics.materials.isochoric_neo_hookean import IsochoricNeoHookean
+from hpcinv.physics.materials.mooney_rivlin import MooneyRivlin
 
 RESIDUAL = 1e-9
 """Largest residual of CalculiX, relative to the mean nodal force. Larger: fewer digits that both share."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions
+    from hpcinv.base.quantity import Divisions
 
 
 def build(gmsh: Any, *, n: Divisions = 4, hexahedra: bool = True, bump: float = 1.0) -> None:

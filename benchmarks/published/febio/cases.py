@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hpcinv.cards.card import CardError
+from hpcinv.base.parallel.runtime import on_root
 from hpcinv.errors import JobError
+from hpcinv.formats.cards.card import CardError
 from hpcinv.mesh.body import reorder_to_source
-from hpcinv.parallel.runtime import on_root
 
 from ..runs import Missing
 from .conversion import Unsupported, convert, prescribed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hpcinv.cards.card import CardError
+from hpcinv.formats.cards.card import CardError
 
 from .conversion import Unsupported, convert
 from .feb_reader import FebError, read_feb

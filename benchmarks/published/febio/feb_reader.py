@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.cards.card import CardError
-from hpcinv.cards.entry import Entry, entry_of
-from hpcinv.cards.febio_curves import LoadCurves
+from hpcinv.formats.cards.card import CardError
+from hpcinv.formats.cards.entry import Entry, entry_of
+from hpcinv.formats.cards.febio_curves import LoadCurves
 
 from .older_formats import FORMATS, in_format_4
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.cards.card import UnknownLaw
-from hpcinv.cards.entry import Entry
-from hpcinv.cards.febio import LAWS, counterpart
+from hpcinv.formats.cards.card import UnknownLaw
+from hpcinv.formats.cards.entry import Entry
+from hpcinv.formats.cards.febio import LAWS, counterpart
 
 from .feb_reader import ElementBlock, Floats, Model
 

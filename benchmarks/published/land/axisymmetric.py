@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.parallel.ranks import MPI
+from hpcinv.base.parallel.ranks import MPI
 
 ANGLE = 8.5, 18.5, -13.220964067100537
 """mm: half-axes of the middle of the wall, and Z of the point ``twisted`` on it."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions
+    from hpcinv.base.quantity import Divisions
 
 RATIO = 0.25
 """Thickness of a layer at the clamped edges over the thickness of all layers inside of it. Larger: a weaker grading."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hpcinv.quantity import Divisions
+    from hpcinv.base.quantity import Divisions
 
     Floats = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Divisions
+    from hpcinv.base.quantity import Divisions
 
 TETRAHEDRON, TRIANGLE = 4, 2
 """Types of elements of gmsh."""

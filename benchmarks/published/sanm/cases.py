@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import on_root
 from hpcinv.mesh.body import reorder_to_source
-from hpcinv.parallel.runtime import on_root
 
 from ..runs import Missing
 

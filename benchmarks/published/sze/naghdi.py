@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.parallel.ranks import MPI
+from hpcinv.base.parallel.ranks import MPI
 
 SHARE = 0.005
 """Share of membrane and shear that is integrated in full. Larger: stiffer cells, since they lock."""

@@ -9,7 +9,7 @@ from math import cos, sin
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hpcinv.quantity import Dimensionless, Divisions, Length
+    from hpcinv.base.quantity import Dimensionless, Divisions, Length
 
 
 def build(

@@ -7,12 +7,12 @@ from typing import Any
 import dolfinx
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.distributed.partitioned import cells_of
 from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Ints, MeshSource
-from hpcinv.parallel.runtime import MPI, on_root
 
 _MOST_IMBALANCE = 0.1  # above which the parts of a partitioned mesh are partitioned again
 

@@ -28,6 +28,8 @@ import adios2
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.runtime import MPI, agree, on_root
+from hpcinv.base.reading.door import trusted
 from hpcinv.errors import HpcinvError, MeshError, OutputError
 from hpcinv.formats.partitioned_header import HEADER, Header, describe_file, read_header
 from hpcinv.mesh.cells import FACET_KIND, no_cells
@@ -35,8 +37,6 @@ from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.distributed.rows import Rows, even_range
 from hpcinv.mesh.io.length_unit import as_unit
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, in_mask
-from hpcinv.parallel.runtime import MPI, agree, on_root
-from hpcinv.reading.door import trusted
 
 type RowArray = npt.NDArray[Any]
 

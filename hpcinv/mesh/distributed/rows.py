@@ -10,8 +10,8 @@ import numpy.typing as npt
 from mpi4py.util.dtlib import from_numpy_dtype
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.parallel.runtime import MPI
 
 _CHUNK = 1 << 20
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hpcinv.base.reading.exodus_files import BRICK
 from hpcinv.mesh.io.elements import check_names, check_numbers, disjoint_parts, elements_of, node_sets
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.reading.exodus_files import BRICK
 
 _LARGEST = 99_999_999
 """number in a field of 8 characters"""

@@ -10,6 +10,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.quantity.units import readable
+from hpcinv.base.reading.cad_files import given_name, solid_names
+from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
@@ -19,9 +22,6 @@ from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.io.small_features import report_small_features
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
-from hpcinv.quantity.units import readable
-from hpcinv.reading.cad_files import given_name, solid_names
-from hpcinv.reading.door import admitted
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts

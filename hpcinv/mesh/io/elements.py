@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.reading.inp_files import FACES
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import OF_NODES
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
@@ -20,7 +21,6 @@ from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside
 from hpcinv.mesh.io.isolated import read_isolated
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import FacetTable, unique_rows
-from hpcinv.reading.inp_files import FACES
 
 _CORNERS = {
     "tetrahedron": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
@@ -39,7 +39,7 @@ _EDGES = {
 
 
 def read_elements(path: Path, action: str, failure: str) -> MeshSource:
-    """Return the mesh of a file by an action of ``hpcinv.reading.isolated_reader``; `read_isolated` says more."""
+    """Return the mesh of a file by an action of ``hpcinv.base.reading.isolated_reader``; `read_isolated` says more."""
     head, arrays = read_isolated(action, path, failure, "Is the file complete?")
     return _source_of_elements(path, arrays, head["ignored"])
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hpcinv.base.reading.inp_files import FACES
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.io.elements import elements_of, faces_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
-from hpcinv.reading.inp_files import FACES
 
 _NAMES = {
     ("tetrahedron", 1): "tet4",

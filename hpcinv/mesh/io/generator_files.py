@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hpcinv.files.inputs import note_input
-from hpcinv.reading.door import admitted
-from hpcinv.reading.suffix import suffix_of
+from hpcinv.base.files.inputs import note_input
+from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.suffix import suffix_of
 
 _READERS = (("open",), ("merge",), ("model", "occ", "importShapes"), ("parser", "parse"))
 """gmsh's functions whose first argument is a file that they read"""
@@ -19,7 +19,7 @@ _SCRIPTS = (".geo", ".geo_unrolled", ".pro")
 
 @contextmanager
 def noted_files(gmsh: Any) -> Iterator[None]:
-    """Context in which gmsh's functions note the files that they read (`hpcinv.files.inputs.note_input`)."""
+    """Context in which gmsh's functions note the files that they read (`hpcinv.base.files.inputs.note_input`)."""
     originals: list[tuple[Any, str, Callable[..., Any]]] = []
     try:
         for *path, name in _READERS:

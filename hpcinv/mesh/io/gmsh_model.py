@@ -12,11 +12,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from hpcinv.base.parallel.signals import ended_by_signals, handlers_kept
 from hpcinv.errors import MeshError, SystemPartMissing
 from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, node_order
 from hpcinv.mesh.io.length_unit import store_unit
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, Place, data_arrays, distinct_tags, in_mask
-from hpcinv.parallel.signals import ended_by_signals, handlers_kept
 
 DIMENSION_NAMES = {0: "point", 1: "curve", 2: "surface", 3: "volume"}
 GMSH_NAMES = {

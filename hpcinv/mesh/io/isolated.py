@@ -12,16 +12,16 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.files.followed_includes import reader_command
+from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.children import run_child, start_child
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.signals import ended_by_signals
+from hpcinv.base.reading.reader_outcome import ending, fault_found
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
-from hpcinv.files.followed_includes import reader_command
 from hpcinv.formats import action_of, check_untrusted
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.job.sections import MeshSpec
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.children import run_child, start_child
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.signals import ended_by_signals
-from hpcinv.reading.reader_outcome import ending, fault_found
 
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
 _BYTES_PER_SECOND = 1e6  # that the slowest format takes at least, text; large files are refused if raised
@@ -57,7 +57,7 @@ class _Received:
 
 
 def read_isolated(action: str, path: Path, failure: str, advice: str) -> tuple[dict[str, Any], Arrays]:
-    """Return what ``hpcinv.reading.isolated_reader`` finds in a file.
+    """Return what ``hpcinv.base.reading.isolated_reader`` finds in a file.
 
     Args:
         failure: what the message says of files that the process does not survive, such as "cannot be read as an image".
@@ -147,7 +147,7 @@ def _check_once(action: str, path: Path, check: Callable[[], object]) -> None:
 def _records() -> Any:
     """Return the module that keeps records, ``None`` if it refuses its directory: reading a mesh needs no kernels."""
     try:
-        from hpcinv.parallel import jit
+        from hpcinv.base.parallel import jit
     except OutputError:
         return None
     return jit

@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.quantity.units import length_symbol
 from hpcinv.errors import MeshError
-from hpcinv.quantity.units import length_symbol
 
 FIELD = "length unit (m)"
 _SECTION = "Comments"

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.base.reading.med_files import MIRRORED
 from hpcinv.mesh.io.elements import check_names, check_numbers, elements_of, facets_of
 from hpcinv.mesh.source import Floats, Ints, MeshSource
-from hpcinv.reading.med_files import MIRRORED
 
 _KINDS = {4: "TE4", 10: "T10", 8: "HE8", 20: "H20"}
 _FLAT_KINDS = {3: "TR3", 6: "TR6", 4: "QU4", 8: "QU8"}

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.formats.vtu import REGION
 from hpcinv.job.sections import SURFACES, ArrayLabels
@@ -17,7 +18,6 @@ from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES, read_arrays, tags_of, unit_of, whole_numbers, without_tags
 from hpcinv.mesh.source import Group, Ints, MeshSource, data_arrays, distinct_tags
 from hpcinv.mesh.topology import edge_neighbours, find_rows, unique_rows
-from hpcinv.reading.suffix import suffix_of
 
 _KINDS = ("triangle", "quadrilateral")
 _LINES, _POINTS = VTK_TYPES["interval"], (1, 2)

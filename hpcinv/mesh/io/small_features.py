@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.base.quantity.units import readable
 from hpcinv.mesh.cell_count import rounded
-from hpcinv.quantity.units import readable
 
 _MANY = 5000
 """Cells from which features are looked for; smaller meshes are solved in seconds."""

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
 from hpcinv.formats.mesh_format import MeshArrays
 from hpcinv.formats.vtu import REGION
@@ -16,8 +18,6 @@ from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
 from hpcinv.mesh.surface_labels import labelled_facets
-from hpcinv.parallel.runtime import MPI
-from hpcinv.reading.door import admitted
 
 VTK_TYPES = {
     "interval": (3, 21, 68),
@@ -44,7 +44,7 @@ def read_vtu(path: Path) -> MeshSource:
 
 
 def read_grid(path: Path, action: str) -> MeshSource:
-    """Read an unstructured grid by an action of ``hpcinv.reading.isolated_reader``."""
+    """Read an unstructured grid by an action of ``hpcinv.base.reading.isolated_reader``."""
     names, arrays = read_arrays(path, action)
     if "types" not in arrays:
         raise MeshError(f"{path}: has no unstructured grid with cells", "Save the mesh as VTU (unstructured grid).")

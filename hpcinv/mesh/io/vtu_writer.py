@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.runtime import MPI
 
 _TYPES = {"float64": "Float64", "float32": "Float32", "int64": "Int64", "int32": "Int32", "uint8": "UInt8"}
 _TAG = 71

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.files.names import is_file
+from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
-from hpcinv.files.names import is_file
 from hpcinv.formats.xdmf import IN_FILE, mesh_grids, root_of
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows
-from hpcinv.reading.door import admitted
 
 KIND_OF = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "qua": "quadrilateral"}
 MOST_COMPRESSED = 1100  # largest ratio of compression; zlib reaches 1032

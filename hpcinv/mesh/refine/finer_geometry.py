@@ -13,6 +13,7 @@ import dolfinx
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import (
     FACET_KIND,
@@ -27,7 +28,6 @@ from hpcinv.mesh.checks import CHUNK, determinants
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import CadSurface, Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, find_rows, unique_rows, vertex_sets
-from hpcinv.parallel.runtime import MPI
 
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)

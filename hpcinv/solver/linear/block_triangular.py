@@ -6,8 +6,8 @@ from typing import Any, cast
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.source import Floats
-from hpcinv.quantity.arrays import LocalIndices
 
 _MASS_ITERATIONS = 4  # of conjugate gradients; two take 10 % more Krylov iterations, six as many
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from hpcinv.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.petsc_vectors import norm
 
 _PRECISE = 1e-10  # relative residual, or error, of solutions that are not corrections
 _EXACT = 1e-15  # relative residual of rounding errors

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
 
 _BY_NODE = 3  # unknowns
 _OPERATIONS, _LONG, _SHORTER = 28.0, 3.6, 2.6  # operations are 28 (3.6 - 2.6 / a) n s^1.5

@@ -20,11 +20,11 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.unlocked_petsc import set_up
+from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.unlocked_petsc import set_up
-from hpcinv.quantity.arrays import Booleans
 from hpcinv.solver.linear.cost_model import Forecast, shape_of
 from hpcinv.solver.linear.near_null_space import near_null_space
 from hpcinv.solver.petsc_options import OptionValue

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.petsc_vectors import norm
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.linear.ordering import order_by_nodes

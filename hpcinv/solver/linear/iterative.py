@@ -26,9 +26,9 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.unlocked_petsc import set_up
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.unlocked_petsc import set_up
-from hpcinv.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling

@@ -10,11 +10,11 @@ from typing import cast
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_vectors import dot, norm
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.model.rigid_motions import Frame
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.parallel.petsc_vectors import dot, norm
-from hpcinv.parallel.runtime import MPI
 
 # Smallest share of a motion that is orthogonal to the others: motions that are nearly the same in each aggregate make
 # blocks of coarse levels singular.

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from hpcinv.effects import Direction
+from hpcinv.base.parallel.available_memory import available
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.available_memory import available
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.linear.cost_model import (
     COMPACT,
     CORRECTIONS,

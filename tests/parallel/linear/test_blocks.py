@@ -11,12 +11,12 @@ import scipy.linalg
 from dolfinx import fem
 from helpers.verification import box, job
 
-from hpcinv.assembly.system import System
-from hpcinv.kinematics.kinematics import ForwardKinematics, InverseKinematics
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
+from hpcinv.physics.kinematics.kinematics import ForwardKinematics, InverseKinematics
 from hpcinv.solver.equations import Equations
 
 type Floats = np.ndarray[Any, np.dtype[np.float64]]

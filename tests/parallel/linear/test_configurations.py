@@ -16,13 +16,13 @@ from petsc4py import PETSc
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import SolveError
+from hpcinv.model.assembly.system import System
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.linear.selection import Choice
 from hpcinv.solver.linear_solver import LinearSolver
 

@@ -11,11 +11,11 @@ from helpers.linear_cases import MATERIALS
 from helpers.silicone_beam import beam
 from helpers.verification import box, job
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.degree_levels import DegreeLevels
 from hpcinv.solver.linear.selection import Choice

@@ -9,10 +9,10 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.output.progress import SilentProgress
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 LITTLE = {"mat_mumps_icntl_14": -70}  # MUMPS begins with 30 % of the workspace that it estimates
 LIMIT = {"mat_mumps_icntl_23": 1}  # MB for each rank

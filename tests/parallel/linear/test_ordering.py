@@ -9,11 +9,11 @@ import pytest
 from helpers.verification import box, job
 from petsc4py import PETSc
 
-from hpcinv.assembly.system import System
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.system import System
 from hpcinv.model.spaces import Unknowns
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear import ordering
 

@@ -11,8 +11,8 @@ from helpers.verification import Solved, job
 from petsc4py import PETSc
 
 from hpcinv import run
-from hpcinv.parallel.petsc_vectors import norm
-from hpcinv.parallel.runtime import MPI
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.linear.convergence_test import Settling
 

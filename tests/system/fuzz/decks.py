@@ -18,19 +18,19 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import yaml
 from mutations import mutated_bytes
 
 from hpcinv.__main__ import main
+from hpcinv.base.reading import isolated_reader
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError
 from hpcinv.mesh.io import elements, feb, isolated, shell_surfaces
 from hpcinv.mesh.readers import FILES
-from hpcinv.reading import isolated_reader
-from hpcinv.reading.fault import Fault
-from hpcinv.reading.suffix import suffix_of
 
 PATIENCE = 20
 """seconds, many times what an answer takes"""

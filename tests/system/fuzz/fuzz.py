@@ -93,16 +93,16 @@ def run_jobs(directory: Path, source: random.Random, count: int | None, until: f
 
 def meshes(directory: Path) -> list[Path]:
     """A small mesh in every format and version, with groups and data."""
-    import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+    import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
     # isort: split
     import gmsh
     from helpers.mesh_data_files import block, write_msh, write_vtu, write_xdmf
 
+    from hpcinv.base.parallel.runtime import MPI
     from hpcinv.mesh.distributed.partitioned import write_partitioned
     from hpcinv.mesh.distributed.parts import partitioned
     from hpcinv.mesh.mesh_files import save
-    from hpcinv.parallel.runtime import MPI
 
     mesh = block(MESHES, hexahedra=False, degree=1)
     paths = [write_vtu(directory / "made.vtu", mesh), write_xdmf(directory / "made.xdmf", mesh)]

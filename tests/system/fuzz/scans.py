@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import numpy as np
@@ -24,8 +24,8 @@ from helpers.forked_reader import load_libraries, run_forked
 from mutations import mutated_bytes, mutated_header
 
 from hpcinv.errors import HpcinvError, MeshError
-from hpcinv.mesh.imaging.closed_surface import fill, read_closed, signed_volume
-from hpcinv.mesh.imaging.label_image import read_labels
+from hpcinv.geometry.imaging.closed_surface import fill, read_closed, signed_volume
+from hpcinv.geometry.imaging.label_image import read_labels
 from hpcinv.mesh.io import isolated
 
 CORPUS = Path(__file__).parent / "corpus"

@@ -13,10 +13,10 @@ import pytest
 from helpers.command_line import BLOCK, ROOT, Started, hpcinv, hpcinv_here
 from helpers.sweeps import records_of, write_sweep
 
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import DEADLY, Ledger
 from hpcinv.errors import JobError
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import DEADLY, Ledger
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 GENERATOR = f"""
 import ctypes, os, runpy, time

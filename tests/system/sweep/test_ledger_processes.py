@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from helpers.command_line import MPIRUN, PATIENCE, environment
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import CaseState, Ledger
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import CaseState, Ledger
 
 WORKER = Path(__file__).parents[2] / "helpers" / "ledger_worker.py"
 KEY = "ab" + 18 * "0"
@@ -214,7 +214,7 @@ def test_one_who_wakes_up_after_his_case_was_taken_over_changes_nothing(workers:
 BEATING = """
 import os, signal, sys, time
 from pathlib import Path
-from hpcinv.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.holder import Holder
 
 with Holder(Path(sys.argv[1]), beat=0.05) as me:
     print(me._process.pid, flush=True)

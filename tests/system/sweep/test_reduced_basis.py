@@ -12,14 +12,14 @@ from helpers.command_line import BLOCK
 from helpers.sweeps import write_sweep
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
-from hpcinv.methods.radial_basis import RadialBasis
 from hpcinv.output.reduced_basis import STRATEGY
-from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.sweep_plan import load_sweep
-from hpcinv.sweep.training import train
+from hpcinv.solver.methods.radial_basis import RadialBasis
+from hpcinv.studies.sweep.sweep_plan import load_sweep
+from hpcinv.studies.sweep.training import train
 
 AXES = [{"sobol": {"material.mu": ["10 kPa", "40 kPa"], "effects[0].density": [800, 1200]}, "count": 8, "seed": 1}]
 

@@ -12,12 +12,12 @@ from helpers.command_line import BLOCK
 from helpers.sweeps import records_of, write_sweep
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
-from hpcinv.methods.method import GUESS
-from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep import queue, runner
-from hpcinv.sweep.sweep_interface import Table
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.solver.methods.method import GUESS
+from hpcinv.studies.sweep import queue, runner
+from hpcinv.studies.sweep.sweep_interface import Table
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 SHEARED: Mapping[str, Any] = BLOCK | {
     "analysis": "forward",

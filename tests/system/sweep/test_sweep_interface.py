@@ -11,9 +11,9 @@ from helpers.sweeps import write_sweep
 from helpers.without_compiler import without_compiler
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, OutputError
-from hpcinv.parallel.runtime import MPI
-from hpcinv.sweep.sweep_interface import Table
+from hpcinv.studies.sweep.sweep_interface import Table
 
 AXES = [{"grid": {"material.mu": ["10 kPa", "20 kPa"]}}]
 

@@ -17,13 +17,13 @@ import yaml
 from helpers.command_line import PATIENCE, ROOT, Started, hpcinv, hpcinv_here
 from helpers.sweeps import BLOCK, records_of, write_sweep
 
-from hpcinv.batch.ledger import liveness
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.driver import run
-from hpcinv.parallel.runtime import MPI, on_root
-from hpcinv.sweep.sweep_plan import load_sweep
+from hpcinv.studies.batch.ledger import liveness
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
 

@@ -11,16 +11,16 @@ from helpers.command_line import ROOT
 from helpers.sweeps import write_sweep
 from helpers.verification import box, job
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.errors import MeshError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job, load
 from hpcinv.job.reuse_key import body_key, numbers_of, reuse_group_of
-from hpcinv.methods.method import Guess
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
+from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
-from hpcinv.sweep.sweep_interface import sweep
+from hpcinv.studies.sweep.sweep_interface import sweep
 
 CLAMPED = [{"region": "x0", "fix": ["x", "y", "z"]}]
 

@@ -11,11 +11,11 @@ from helpers.verification import box, job
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
+from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.settings import Solver
 from hpcinv.mesh import build_body
-from hpcinv.parallel.available_memory import available
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import COMPACT, Forecast, Shape, shape_of
 from hpcinv.solver.linear.selection import Chooser

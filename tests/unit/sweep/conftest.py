@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger
 
 
 @pytest.fixture

@@ -15,15 +15,15 @@ from helpers.sweeps import finish, write_sweep
 from scipy.stats import qmc
 
 from hpcinv.__main__ import main
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.sampling import Distribution
 from hpcinv.mesh.io.vtu import read_vtu
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats, MeshSource
-from hpcinv.sweep.chaos import Indices, Regression, exponents, mean, polynomials, sobol_indices, terms
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.batch.sampling import Distribution
+from hpcinv.studies.sweep.chaos import Indices, Regression, exponents, mean, polynomials, sobol_indices, terms
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 MU, LAM, DENSITY = "material.mu", "material.lam", "effects[0].density"
 

@@ -23,14 +23,14 @@ from helpers.ledger_files import (
     record_file,
 )
 
-from hpcinv.batch.ledger import liveness
-from hpcinv.batch.ledger.case_record import CaseRecord, _sealed
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import CaseState, Ledger
+from hpcinv.base.files import atomic
+from hpcinv.base.parallel import processes
+from hpcinv.base.parallel.processes import Identity
 from hpcinv.errors import OutputError
-from hpcinv.files import atomic
-from hpcinv.parallel import processes
-from hpcinv.parallel.processes import Identity
+from hpcinv.studies.batch.ledger import liveness
+from hpcinv.studies.batch.ledger.case_record import CaseRecord, _sealed
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import CaseState, Ledger
 
 # What it keeps
 
@@ -122,7 +122,7 @@ def test_late_claims_of_a_taken_case_fail(
             history(ledger, faster)
             return create(path, content)
 
-        monkeypatch.setattr("hpcinv.batch.ledger.ledger.create", late)
+        monkeypatch.setattr("hpcinv.studies.batch.ledger.ledger.create", late)
         assert ledger.claim(KEY) is None
         state = ledger.states([KEY])[KEY]  # as if nothing had happened
         assert state.name == {begun: "running", begun_again: "running", finished: "finished"}.get(history, "open")

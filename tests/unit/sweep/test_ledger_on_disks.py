@@ -20,11 +20,11 @@ from helpers.ledger_files import (
     test_only_a_failed_case_is_tried_again,
 )
 
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import CaseState, Ledger, ledger_of
-from hpcinv.batch.ledger.store import as_output_error, open_store
+from hpcinv.base.files import atomic
 from hpcinv.errors import OutputError
-from hpcinv.files import atomic
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import CaseState, Ledger, ledger_of
+from hpcinv.studies.batch.ledger.store import as_output_error, open_store
 
 # What it says when the file system fails
 

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.ledger import Claim, Ledger
-from hpcinv.batch.ledger.liveness import Watch
-from hpcinv.batch.ledger.store import open_store
-from hpcinv.parallel.processes import Identity
+from hpcinv.base.parallel.processes import Identity
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
+from hpcinv.studies.batch.ledger.liveness import Watch
+from hpcinv.studies.batch.ledger.store import open_store
 
 KEY = "ab" + 18 * "0"
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hpcinv.methods.method import Guess
-from hpcinv.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
+from hpcinv.solver.methods.method import Guess
+from hpcinv.studies.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
 
 
 def known(points: np.ndarray, field: object, signs: list[int] | None = None) -> Neighbours:

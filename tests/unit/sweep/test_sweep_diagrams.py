@@ -12,13 +12,13 @@ from helpers.sweep_report_cases import DENSITY, MU, NO_EQUILIBRIUM, bad, good, p
 from helpers.sweeps import finish
 
 from hpcinv.__main__ import main
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.errors import JobError
-from hpcinv.sweep.results import results
-from hpcinv.sweep.sweep_plan import Case
-from hpcinv.sweep.sweep_plot import is_even_in_log, plot
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.sweep.results import results
+from hpcinv.studies.sweep.sweep_plan import Case
+from hpcinv.studies.sweep.sweep_plot import is_even_in_log, plot
 
 
 @pytest.fixture

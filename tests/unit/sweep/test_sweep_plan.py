@@ -17,11 +17,11 @@ import pytest
 import yaml
 from helpers.command_line import COLUMN, ROOT, environment
 
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.sampling import SamplingMethod, read_distribution, unit_points
-from hpcinv.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.errors import JobError
-from hpcinv.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.sampling import SamplingMethod, read_distribution, unit_points
+from hpcinv.studies.batch.time_forecast import duration_text, remaining_seconds
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 YEOH = {"law": "yeoh", "c1": "5 kPa", "c2": 0, "c3": 0, "kappa": "50 kPa"}
 MU = "material.mu"

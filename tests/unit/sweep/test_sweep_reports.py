@@ -18,17 +18,17 @@ from helpers.sweeps import BLOCK, finish
 from rich.console import Console
 
 from hpcinv.__main__ import main
-from hpcinv.batch.ledger.case_record import CaseRecord
-from hpcinv.batch.ledger.holder import Holder
-from hpcinv.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.batch.status import Status, follow, lines
-from hpcinv.batch.tables import as_csv, in_written_units
 from hpcinv.errors import OutputError
-from hpcinv.sweep.outlook import outlook
-from hpcinv.sweep.results import provenance, results, status_of
-from hpcinv.sweep.sweep_batch import open_damaged
-from hpcinv.sweep.sweep_plan import Case, SweepPlan
-from hpcinv.sweep.table import as_hdf5, columns, units
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.holder import Holder
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.batch.status import Status, follow, lines
+from hpcinv.studies.batch.tables import as_csv, in_written_units
+from hpcinv.studies.sweep.outlook import outlook
+from hpcinv.studies.sweep.results import provenance, results, status_of
+from hpcinv.studies.sweep.sweep_batch import open_damaged
+from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan
+from hpcinv.studies.sweep.table import as_hdf5, columns, units
 
 
 def look(sweep_plan: SweepPlan) -> Status:
@@ -382,7 +382,7 @@ def test_texts_that_spreadsheets_take_as_formulas_are_escaped() -> None:
 
 def test_a_name_with_a_line_of_its_own_gets_into_no_batch_script() -> None:
     from hpcinv.cli.sweep_submit import filled
-    from hpcinv.sweep.templates import TEMPLATES
+    from hpcinv.studies.sweep.templates import TEMPLATES
 
     with pytest.raises(OutputError, match="cannot be in a batch script"):
         filled(TEMPLATES / "collect.sbatch", ["output=a\ntouch marker/collect-%j.out"], ["sweep.yaml"])

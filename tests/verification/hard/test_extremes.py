@@ -8,9 +8,9 @@ import pytest
 from helpers.hard_case import job, require_finite
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.parallel.runtime import MPI
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 both_ways = pytest.mark.parametrize("analysis", ["inverse", "forward"])

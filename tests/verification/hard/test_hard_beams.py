@@ -13,9 +13,9 @@ from helpers.beam_theory import curled_axis, sagging_tip
 from helpers.hard_case import effort, solve
 from helpers.silicone_beam import C1, C2, DENSITY, DIAMETER, GRAVITY, LENGTH
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 MU = 2 * (C1 + C2)
 PER_LENGTH = DENSITY * GRAVITY * np.pi * DIAMETER**2 / 4  # N/m

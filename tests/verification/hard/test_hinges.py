@@ -12,14 +12,14 @@ import pytest
 from helpers.command_line import BLOCK, hpcinv_here, write_job
 from helpers.hard_case import job
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
 from hpcinv.mesh.mesh_files import SAVERS
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
 
 type Cube = tuple[int, int, int]

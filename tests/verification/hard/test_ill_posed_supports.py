@@ -13,14 +13,14 @@ from helpers.command_line import hpcinv_here as command
 from helpers.hard_case import JOBS, job, solve
 from helpers.mesh_cases import write_msh22
 
-from hpcinv.certificate.check import Verdict
-from hpcinv.certificate.ineffective_loads import ineffective_loads
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body
 from hpcinv.model.rigid_motions import Frame, free_motions, names
-from hpcinv.parallel.runtime import MPI
-from hpcinv.parallel.timings import Timings
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.check import Verdict
+from hpcinv.trust.certificate.ineffective_loads import ineffective_loads
 
 NAME = "free-to-turn"
 SPRINGS: dict[str, Any] = {"effect": "elastic-foundation", "region": "x1", "normal": "5 kPa/m"}

@@ -10,8 +10,8 @@ from helpers.closed_forms import root
 from helpers.hard_case import effort, fail, job, solve
 
 import hpcinv
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.outcome import Outcome
-from hpcinv.parallel.runtime import MPI
 
 MU, JM = 1e4, 0.5
 LIMIT = root(lambda s: s**2 + 2 / s - 3 - JM, 1.0, 3.0)

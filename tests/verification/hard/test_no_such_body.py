@@ -13,10 +13,10 @@ from helpers.command_line import hpcinv_here as command
 from helpers.hard_case import JOBS, effort, fail, solve
 from helpers.silicone_beam import C1, C2, DIAMETER, GRAVITY, LENGTH, weight
 
-from hpcinv.certificate import Line, Verdict
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 from hpcinv.solver.diagnosis import Diagnosis
+from hpcinv.trust.certificate import Line, Verdict
 
 
 def finding(result: Result, name: str) -> Line:

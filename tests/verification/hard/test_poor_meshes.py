@@ -10,8 +10,8 @@ import pytest
 from helpers.closed_forms import root
 from helpers.hard_case import effort, solve
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
-from hpcinv.parallel.runtime import MPI
 
 REST = 1.0802799  # length of the column, as in tests/verification/test_column.py
 RADII = {"inner": 0.8286610, "outer": 1.3916461}  # of the tube, as in tests/verification/test_thick_cylinder.py

@@ -2,8 +2,8 @@
 
 from typing import Any, ClassVar, Literal
 
-from hpcinv.effects.effect import Effect
-from hpcinv.quantity import Force
+from hpcinv.base.quantity import Force
+from hpcinv.physics.effects.effect import Effect
 
 
 class Push(Effect):

@@ -1,3 +1,0 @@
-"""Residual and tangent of a weak form as PETSc vectors and matrices."""
-
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

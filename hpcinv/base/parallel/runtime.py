@@ -1,0 +1,118 @@
+"""Import of the compiled stack in the right order, and errors of the compilation of kernels.
+
+Import this module before anything that loads PETSc or DOLFINx.
+"""
+
+import importlib
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import sys
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hpcinv.base.parallel.imports import is_text
+from hpcinv.base.parallel.ranks import MPI, agree, on_root
+from hpcinv.base.parallel.signals import handlers_kept
+from hpcinv.errors import SystemPartMissing
+
+# isort: split
+from numpy import complexfloating  # after `ranks`, which sets NumPy's threads and memory
+
+DOLFINX = "0.11"
+"""The version whose interface is used; others differ in it."""
+
+INSTALLING = "docs/start/installing.md says how DOLFINx is installed with hpcinv, and what your own must be."
+WITHOUT_DEPENDENCIES = f"Type 'pip install --no-deps adios4dolfinx=={DOLFINX}.*' (docs/start/installing.md says why)."
+
+
+def _load_stack() -> None:
+    """Import the compiled stack in the only order in which all parts share one MPI, PETSc and ADIOS2."""
+    if importlib.util.find_spec(
+        "dolfinx_solver"
+    ):  # in the wheel; a DOLFINx that the site has built has no such package
+        importlib.import_module("dolfinx_solver")  # checks that no other PETSc is installed
+    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios2", "adios4dolfinx"):
+        try:
+            module = importlib.import_module(name)
+            if name == "adios2":
+                importlib.import_module("hpcinv.base.parallel.adios").provide_mpi()
+        except ImportError as exc:
+            remedy = WITHOUT_DEPENDENCIES if name == "adios4dolfinx" else INSTALLING
+            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", remedy) from None
+        if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
+            raise SystemPartMissing("PETSc has complex scalars, and hpcinv needs real ones", INSTALLING)
+        # Here, since it waits for all ranks, and some may never solve. The log measures the time of linear solves.
+        if name == "petsc4py.PETSc" and not module.Log.isActive():
+            module.Log.begin()
+        if name == "dolfinx" and not module.__version__.startswith(f"{DOLFINX}."):
+            mismatch = f"DOLFINx {module.__version__} is installed, and hpcinv needs {DOLFINX}"
+            raise SystemPartMissing(mismatch, INSTALLING)
+
+
+@contextmanager
+def _readable_arguments() -> Iterator[None]:
+    """Context without arguments that are not UTF-8: DOLFINx, which looks for options of its own, fails with them."""
+    typed = sys.argv
+    sys.argv = [argument for argument in typed if is_text(argument)]
+    try:
+        yield
+    finally:
+        sys.argv = typed
+
+
+with handlers_kept(), _readable_arguments():  # PETSc installs a handler of SIGTERM that ends the process
+    _load_stack()
+
+
+@contextmanager
+def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
+    """Context in which a failed compilation of a kernel becomes ``SystemPartMissing`` on every rank.
+
+    Checking for a compiler beforehand would refuse runs whose kernels are all in the cache.
+    """
+    try:
+        yield
+    except Exception as exc:
+        modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
+        if modules & {"dolfinx.jit", "hpcinv.base.parallel.jit"}:  # a failure on rank 0 is raised on all ranks
+            text = str(exc)
+            on_root(comm, lambda: explain_compilation(text))
+        raise
+
+
+def c_compiler() -> list[str]:
+    """Command of the C compiler: CC, else the compiler of the Python in use, else cc."""
+    if asked := os.environ.get("CC"):
+        return shlex.split(asked)
+    own = shlex.split(sysconfig.get_config_var("CC") or "cc")
+    return own if shutil.which(own[0]) else ["cc"]
+
+
+def explain_compilation(text: str, what: str = "kernels that were not compiled before") -> None:
+    """Raise ``SystemPartMissing`` if the text of a failed compilation has a known cause.
+
+    Args:
+        what: needs a compiler.
+    """
+    install = "nstall one (Debian, Ubuntu: apt-get install gcc libc6-dev), or set CC to yours."
+    compiler = c_compiler()[0]
+    if shutil.which(compiler) is None:
+        raise SystemPartMissing(
+            f"no C compiler '{compiler}' on {os.uname().nodename}, which is needed for {what}",
+            f"Elsewhere 'hpcinv compile JOB --cache DIR', then set HPCINV_KERNELS=DIR. Or i{install}",
+        )
+    if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
+        raise SystemPartMissing(
+            unwritten[0],
+            "Make room there, or name others by HPCINV_KERNELS (kernels) and TMPDIR (the compiler's files).",
+        )
+    if failed := re.search(r"the C compiler .* could not compile a kernel.*", text, re.DOTALL):
+        raise SystemPartMissing(failed[0], f"I{install}")
+
+
+__all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "explain_compilation", "on_root"]

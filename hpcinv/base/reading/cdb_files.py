@@ -1,0 +1,221 @@
+"""Archives of Ansys (``.cdb``, by ``CDWRITE``): nodes, solid elements with their degenerate shapes, and components.
+
+Source: *Ansys Mechanical APDL Command Reference*, NBLOCK, EBLOCK, CMBLOCK and ETBLOCK; *Element Reference*, SOLID185,
+SOLID186, SOLID187 and SOLID285.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hpcinv.base.reading.fault import Fault, shown
+from hpcinv.base.reading.included_files import text_of
+from hpcinv.base.reading.numbered_elements import Blocks, element_arrays, number, whole_number, whole_numbers
+
+_SOLIDS = {45: 8, 95: 20, 92: 10, 185: 8, 186: 20, 187: 10, 285: 4}
+"""nodes of the solid elements by their number; those below 100 are their predecessors"""
+_KINDS = "SOLID185, SOLID186, SOLID187 and SOLID285, and SOLID45, SOLID92 and SOLID95"
+_TETRAHEDRON = (0, 1, 2, 4, 8, 9, 11, 16, 17, 18)
+"""nodes of a brick whose nodes 3, 4 and 5 to 8 coincide that a tetrahedron keeps"""
+_INTEGERS = re.compile(r"(\d+)\s*i\s*(\d+)", re.I)
+_FORMAT = re.compile(r"\(((?:\s*\d+\s*i\s*\d+\s*,?)+)\s*(?:(\d+)\s*[eg]\s*(\d+))?", re.I)
+_HEAD = 11  # numbers of an element before its nodes
+_LOADS = ("D", "F", "SF", "SFE", "SFEBLOCK", "BF", "BFE", "BFBLOCK", "ACEL", "OMEGA", "MP", "MPDATA", "TB", "TBDATA")
+_OF_GEOMETRY = {"KP": "keypoints", "LINE": "lines", "AREA": "areas", "VOLU": "volumes"}
+"""components of the geometry, which a mesh has not"""
+
+
+class _Lines:
+    """Lines of a file with their numbers."""
+
+    def __init__(self, path: Path) -> None:
+        self._lines = text_of(path).splitlines()
+        self.row = 0
+
+    def more(self) -> bool:
+        return self.row < len(self._lines)
+
+    def next(self) -> str:
+        if not self.more():
+            raise Fault("ends within a block", "Is the file complete?")
+        self.row += 1
+        return self._lines[self.row - 1]
+
+    @property
+    def place(self) -> str:
+        return f"line {self.row}"
+
+
+def read_cdb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of nodes, elements and components; ``ignored`` are commands on materials and loads."""
+    lines = _Lines(path)
+    tags: list[int] = []
+    points: list[list[float]] = []
+    kinds: dict[int, int] = {}
+    elements: list[tuple[int, int, int, list[int]]] = []
+    sets: dict[str, list[int]] = {}
+    ignored = set[str]()
+    others: list[int] = []  # numbers of elements in blocks that are not of solids, such as contacts
+    variables: dict[str, str] = {}
+    while lines.more():
+        words = [word.strip() for word in lines.next().split("!")[0].split(",")]
+        match _command(words[0]):
+            case "NBLOCK":
+                _read_nodes(lines, tags, points)
+            case "EBLOCK" if "SOLID" in [word.upper() for word in words]:
+                elements += _elements(lines)
+            case "EBLOCK":
+                others += _other_elements(lines)
+            case "CMBLOCK":
+                ignored.update(_read_component(lines, words, sets))
+            case "*SET" if len(words) > 2:
+                variables[words[1].upper()] = words[2]
+            case "ET" if len(words) > 2:
+                number_of, type_name = (variables.get(word.upper(), word) for word in words[1:3])
+                if number_of.isdigit():
+                    kinds[int(number_of)] = _kind(type_name, lines.place)
+                else:
+                    ignored.add(f"ET,{shown(number_of)}")
+            case "ETBLOCK":
+                kinds |= _types(lines)
+            case keyword if keyword in _LOADS:
+                ignored.add(keyword)
+    blocks = Blocks()
+    materials: dict[int, list[int]] = {}
+    for tag, material, kind, nodes in elements:
+        if kinds.get(kind) not in _SOLIDS:
+            blocks.add_facet(tag, ())
+            continue
+        blocks.add(tag, _shape(tag, nodes))
+        materials.setdefault(material, []).append(tag)
+    for tag in others:
+        blocks.add_facet(tag, ())
+    if others:
+        ignored.add(f"{len(others):,} elements that are not solids")
+    if len(materials) > 1:
+        sets |= {f"cells:material-{material}": members for material, members in materials.items()}
+    return {"ignored": sorted(ignored)}, element_arrays(tags, points, blocks, sets, _KINDS)
+
+
+_COMMANDS = {
+    name[:4]: name for name in ("NBLOCK", "EBLOCK", "CMBLOCK", "*SET", "ETBLOCK", "MPDATA", "TBDATA", "SFEBLOCK")
+}
+
+
+def _command(word: str) -> str:
+    """Return the name of a command; Ansys reads its first four letters."""
+    name = word.upper()
+    return _COMMANDS.get(name[:4], name) if len(name) > 3 else name
+
+
+def _kind(text: str, place: str) -> int:
+    """Return the number of a type of elements, such as 186 of ``SOLID186``."""
+    digits = re.sub(r"^[A-Za-z]+", "", text)
+    return whole_number(digits, place) if digits else 0
+
+
+def _format(lines: _Lines) -> tuple[list[int], int]:
+    """Return the widths of the integers in a line, and the width of the numbers after them, 0 if there are none."""
+    text = lines.next()
+    match = _FORMAT.match(text.strip())
+    pairs = [(int(count), int(width)) for count, width in _INTEGERS.findall(match[1])] if match else []
+    real = int(match[3] or 0) if match else 0
+    widths = [width for count, width in pairs for _ in range(min(count, 100))]
+    if not 0 < len(widths) < 100 or not all(0 < width < 100 for width in widths) or real > 100:
+        raise Fault(f"{lines.place}: '{shown(text)}' is not a format of a block", "Write it by CDWRITE,DB.")
+    return widths, real
+
+
+def _fields(line: str, width: int, start: int = 0) -> Iterator[str]:
+    for at in range(start, len(line.rstrip()), width):
+        yield line[at : at + width]
+
+
+def _is_end(line: str) -> bool:
+    return line.strip().startswith("-1") or line.strip().upper().startswith("N,")
+
+
+def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> None:
+    widths, real = _format(lines)
+    if not real:
+        raise Fault(f"{lines.place}: the format of NBLOCK has no coordinates", "Write it by CDWRITE,DB.")
+    while not _is_end(line := lines.next()):
+        tags.append(whole_number(line[: widths[0]], lines.place))
+        position = [number(text, lines.place) for text in _fields(line, real, sum(widths))][:3]
+        points.append(position + [0.0] * (3 - len(position)))  # zeros at the end are left out
+
+
+def _other_elements(lines: _Lines) -> Iterator[int]:
+    """Yield the numbers of the elements of a block that are not solids, such as surfaces and contacts."""
+    (width, *_), _ = _format(lines)
+    while not _is_end(line := lines.next()):
+        yield whole_number(line[:width], lines.place)
+
+
+def _elements(lines: _Lines) -> Iterator[tuple[int, int, int, list[int]]]:
+    """Yield number, material, type and nodes of each element of a block of solids."""
+    (width, *_), _ = _format(lines)
+    while not _is_end(line := lines.next()):
+        place = lines.place
+        entries = whole_numbers(_fields(line, width), place)
+        if len(entries) < _HEAD:
+            raise Fault(f"{place}: an element has {len(entries)} numbers, not {_HEAD} and its nodes")
+        count, nodes = entries[8], entries[_HEAD:]
+        while len(nodes) < count:
+            if _is_end(more := lines.next()):
+                raise Fault(f"{place}: element {entries[10]} has {len(nodes)} nodes, not {count}")
+            nodes += whole_numbers(_fields(more, width), lines.place)
+        if len(nodes) != count:
+            raise Fault(f"{place}: element {entries[10]} has {len(nodes)} nodes, not {count}")
+        yield entries[10], entries[0], entries[1], nodes
+
+
+def _shape(tag: int, nodes: list[int]) -> list[int]:
+    """Return the nodes of a tetrahedron or brick; bricks with coinciding nodes are tetrahedra."""
+    if len(nodes) not in (4, 8, 10, 20):
+        raise Fault(f"element {tag} has {len(nodes)} nodes", f"Elements are {_KINDS}.")
+    if 0 in nodes:
+        raise Fault(f"element {tag} lacks middle nodes", "Give all elements their middle nodes, or none (EMID).")
+    if len(nodes) in (4, 10) or len(set(nodes[:8])) == 8:
+        return nodes
+    if nodes[2] == nodes[3] and len(set(nodes[4:8])) == 1:
+        return [nodes[i] for i in _TETRAHEDRON if i < len(nodes)]
+    raise Fault(f"element {tag} is a prism or a pyramid", "Mesh the body by tetrahedra alone or by hexahedra alone.")
+
+
+def _types(lines: _Lines) -> dict[int, int]:
+    (width, *_), _ = _format(lines)
+    kinds = {}
+    while not _is_end(line := lines.next()):
+        entries = whole_numbers(list(_fields(line, width))[:2], lines.place)
+        if len(entries) == 2:
+            kinds[entries[0]] = entries[1]
+    return kinds
+
+
+def _read_component(lines: _Lines, words: list[str], sets: dict[str, list[int]]) -> list[str]:
+    """Read a component, and return what is not used; a negative number ends a range that the one before it begins."""
+    place, kind = lines.place, words[2].upper()[:4].strip() if len(words) > 3 else ""
+    if kind not in ("NODE", "ELEM", *_OF_GEOMETRY):
+        raise Fault(f"{place}: CMBLOCK is not of nodes or elements", "Is the file complete?")
+    count = whole_number(words[3], place)
+    (width, *_), _ = _format(lines)
+    entries: list[int] = []
+    while len(entries) < count:
+        line = lines.next()
+        more = whole_numbers(_fields(line, width), lines.place)
+        if not more:
+            raise Fault(f"{place}: component '{shown(words[1])}' has {len(entries)} numbers, not {count}")
+        entries += more
+    if kind in _OF_GEOMETRY:
+        return [f"component {shown(words[1])} of {_OF_GEOMETRY[kind]}"]
+    members = sets.setdefault(f"{'nodes' if kind == 'NODE' else 'cells'}:{words[1]}", [])
+    for entry in entries:
+        if entry >= 0:
+            members.append(entry)
+        elif not members or not 0 <= -entry - members[-1] <= 10**8:
+            raise Fault(f"{place}: component '{shown(words[1])}' has the range {entry} without a beginning")
+        else:
+            members += range(members[-1] + 1, -entry + 1)
+    return []

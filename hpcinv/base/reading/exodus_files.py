@@ -1,0 +1,186 @@
+"""Exodus II (``.e``, ``.exo``, ``.ex2``): nodes, blocks of solid elements, side sets and node sets.
+
+The file is netCDF: classic, which SciPy reads, or version 4, which is HDF5. Source: Schoof and Yarberry, *EXODUS II: A
+Finite Element Data Model* (SAND92-2137).
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.fault import Fault, shown
+from hpcinv.base.reading.hdf5_arrays import array_in, opened
+from hpcinv.base.reading.numbered_elements import Blocks, element_arrays, vertices_of
+
+SIDES = {4: (1, 2, 3, 0), 8: (2, 3, 4, 5, 0, 1)}
+"""number of the face of an element as input files count, by its side in Exodus, from 0"""
+BRICK = {20: (*range(12), *range(16, 20), *range(12, 16))}
+"""places of the nodes in the file: middle nodes of upright edges come before the nodes of top edges"""
+BRICK[27] = (*BRICK[20], 20, 21, 22, 25, 24, 26, 23)
+_KINDS = "TETRA4, TETRA10, HEX8, HEX20 and HEX27"
+_SIZES = {"TET": (4, 10), "HEX": (8, 20, 27)}
+_FLAT = ("TRI", "QUAD", "SHELL", "BAR", "BEAM", "TRUSS", "EDGE", "SPHERE", "CIRCLE", "POINT")
+
+
+class _Variables:
+    """Arrays of a netCDF file and their attributes, whatever the version."""
+
+    def __init__(self, names: Any, array: Callable[[str], Any], attribute: Callable[[str, str], Any]) -> None:
+        self.names, self.array, self._attribute = frozenset(names), array, attribute
+
+    def text(self, name: str, attribute: str) -> str:
+        value = self._attribute(name, attribute)
+        return value.decode("latin-1") if isinstance(value, bytes) else str(value)
+
+    def numbers(self, name: str) -> list[int]:
+        values = self.array(name)
+        if values.ndim != 1 or values.dtype.kind not in "iu":
+            raise Fault(f"'{shown(name)}' is not a list of whole numbers", "Is the file complete?")
+        return [int(value) for value in values]
+
+
+def read_exodus(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of nodes, elements and sets; ``ignored`` are values at nodes and in elements."""
+    with _variables(path) as data:
+        points = _points(data)
+        numbers = data.numbers("node_num_map") if "node_num_map" in data.names else range(1, len(points) + 1)
+        if len(numbers) != len(points):
+            raise Fault(f"has {len(numbers):,} numbers of {len(points):,} nodes", "Is the file complete?")
+        tags = np.array(numbers, dtype=np.int64)
+        blocks, sets = Blocks(), dict[str, list[int]]()
+        every, sizes = _read_blocks(data, tags, blocks, sets)
+        for name, at in _named(data, "ns", "nodeset", "node_ns"):
+            rows = data.array(f"node_ns{at}")
+            sets[f"nodes:{name}"] = tags[_valid(rows, len(tags), f"node set '{shown(name)}'")].tolist()
+        for name, at in _named(data, "els", "elemset", "elem_els"):
+            rows = _valid(data.array(f"elem_els{at}"), len(every), f"element set '{shown(name)}'")
+            sets[f"cells:{name}"] = [every[row] for row in rows.tolist()]
+        faces: dict[str, list[tuple[int, int]]] = {}
+        for name, at in _named(data, "ss", "sideset", "elem_ss"):
+            elements, sides = data.array(f"elem_ss{at}"), data.numbers(f"side_ss{at}")
+            rows = _valid(elements, len(every), f"side set '{shown(name)}'")
+            if len(rows) != len(sides):
+                raise Fault(f"side set '{shown(name)}' has {len(rows)} elements and {len(sides)} sides")
+            for row, side in zip(rows.tolist(), sides, strict=True):
+                local = SIDES.get(sizes[row], ())
+                if local and not 1 <= side <= len(local):
+                    raise Fault(f"side set '{shown(name)}': element {every[row]} has no side {side}")
+                if local:
+                    faces.setdefault(name, []).append((every[row], local[side - 1]))
+        ignored = ["results"] if any(name.startswith(("vals_nod_var", "vals_elem_var")) for name in data.names) else []
+    arrays = element_arrays(tags, points, blocks, sets, _KINDS)
+    row_of = {int(tag): row for row, tag in enumerate(arrays["cell_tags"])}
+    for name, pairs in faces.items():
+        arrays[f"faces:{name}"] = np.unique([(row_of[tag], face) for tag, face in pairs], axis=0)
+    return {"ignored": ignored}, arrays
+
+
+def _read_blocks(data: _Variables, tags: Any, blocks: Blocks, sets: dict[str, list[int]]) -> tuple[Any, list[int]]:
+    """Read the elements; return number and number of vertices (0: not solid) of each in the order of the file."""
+    listed = list(_named(data, "eb", "block", "connect"))
+    if not listed:
+        raise Fault("has no blocks of elements", f"Elements are {_KINDS}.")
+    tables = [data.array(f"connect{at}") for _, at in listed]
+    if any(table.ndim != 2 for table in tables):
+        raise Fault("has elements of varying numbers of nodes", f"Elements are {_KINDS}.")
+    count = sum(len(table) for table in tables)
+    given = next((name for name in ("elem_num_map", "elem_map") if name in data.names), "")
+    numbers = data.numbers(given) if given == "elem_num_map" else range(1, count + 1)
+    if len(numbers) != count:
+        raise Fault(f"has {len(numbers):,} numbers of {count:,} elements", "Is the file complete?")
+    sizes: list[int] = []
+    start = 0
+    for (name, at), table in zip(listed, tables, strict=True):
+        kind = data.text(f"connect{at}", "elem_type").upper()
+        own = numbers[start : start + len(table)]
+        start += len(table)
+        nodes = tags[_valid(table, len(tags), f"block '{shown(name)}'")].tolist()
+        vertices = _vertices_of_kind(kind, table.shape[1], name)
+        sizes += [vertices] * len(table)
+        for tag, entry in zip(own, nodes, strict=True):
+            if not vertices:
+                blocks.add_facet(tag, vertices_of(entry), name)
+            else:
+                blocks.add(tag, [entry[i] for i in BRICK.get(len(entry), range(len(entry)))])
+                sets.setdefault(f"cells:{name}", []).append(tag)
+    return numbers, sizes
+
+
+def _vertices_of_kind(kind: str, nodes: int, block: str) -> int:
+    """Return the number of vertices of the elements of a block, 0 if they are not solid."""
+    solid = next((allowed for prefix, allowed in _SIZES.items() if kind.startswith(prefix)), None)
+    if solid is None and not kind.startswith(_FLAT):
+        raise Fault(f"block '{shown(block)}' has elements {shown(kind)}", f"Elements are {_KINDS}.")
+    if solid is not None and nodes not in solid:
+        raise Fault(f"block '{shown(block)}' has elements {shown(kind)} of {nodes} nodes")
+    return 0 if solid is None else solid[0]
+
+
+def _points(data: _Variables) -> Any:
+    names = ("coordx", "coordy", "coordz")
+    if "coord" in data.names:
+        points = np.asarray(data.array("coord"), dtype=np.float64).T
+    else:
+        columns = [np.asarray(data.array(name), dtype=np.float64) for name in names if name in data.names]
+        if len({column.shape for column in columns}) > 1:
+            raise Fault("has different numbers of coordinates x, y and z", "Is the file complete?")
+        points = np.column_stack(columns) if columns else np.zeros((0, 0))
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise Fault("has no coordinates in three dimensions", "Is it an Exodus file of a solid mesh?")
+    return points
+
+
+def _named(data: _Variables, prefix: str, default: str, variable: str) -> Iterator[tuple[str, int]]:
+    """Yield name and place, from 1, of each block or set that has members."""
+    texts = data.array(f"{prefix}_names") if f"{prefix}_names" in data.names else np.zeros((0, 0), dtype="S1")
+    numbers = data.numbers(f"{prefix}_prop1") if f"{prefix}_prop1" in data.names else []
+    at = 1
+    while at <= max(len(numbers), len(texts)) or f"{variable}{at}" in data.names:
+        row = texts[at - 1] if at <= len(texts) else np.zeros(0, dtype="S1")
+        name = b"".join(np.asarray(row, dtype="S1").ravel().tolist()).split(b"\0")[0].decode("utf-8", "replace").strip()
+        if f"{variable}{at}" in data.names:
+            yield shown(name) or f"{default}-{numbers[at - 1] if at <= len(numbers) else at}", at
+        at += 1
+
+
+def _valid(rows: Any, count: int, owner: str) -> Any:
+    """Return rows from 0 of an array of rows from 1."""
+    if rows.dtype.kind not in "iu":
+        raise Fault(f"{owner} has entries that are not whole numbers", "Is the file complete?")
+    wide = rows.astype(np.int64)
+    if wide.size and (wide.min() < 1 or wide.max() > count):
+        bad = wide[(wide < 1) | (wide > count)][0]
+        raise Fault(f"{owner} has the entry {bad}, and there are {count:,}", "Is the file complete?")
+    return wide - 1
+
+
+@contextmanager
+def _variables(path: Path) -> Iterator[_Variables]:
+    with admitted(path).open("rb") as file:
+        head = file.read(4)
+    if head[:3] != b"CDF":
+        with opened(path) as hdf5:
+            yield _Variables(hdf5, lambda name: array_in(hdf5, name), lambda name, key: hdf5[name].attrs.get(key, ""))
+        return
+    if head[3] not in (1, 2):
+        raise Fault(f"is netCDF of version {head[3]}", "Save it as 64-bit offset or netCDF-4.")
+    from scipy.io import netcdf_file
+
+    try:
+        classic = netcdf_file(path, mmap=False)
+        arrays = {name: np.array(entry[...]) for name, entry in classic.variables.items()}
+    except MemoryError:
+        raise
+    except Exception:  # SciPy raises whatever damaged sizes cause
+        raise Fault("is not a complete netCDF file", "Is the file complete?") from None
+
+    def array(name: str) -> Any:
+        if name not in arrays:
+            raise Fault(f"has no array '{shown(name)}'", "Is it an Exodus file, and complete?")
+        return arrays[name]
+
+    yield _Variables(arrays, array, lambda name, key: getattr(classic.variables[name], key, ""))

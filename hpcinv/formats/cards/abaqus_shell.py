@@ -1,0 +1,73 @@
+"""Sections of shells and membranes in input files of Abaqus and CalculiX.
+
+Sources: *Abaqus Keywords Guide*, ``*SHELL SECTION``; Dhondt, *CalculiX CrunchiX User's Manual*, ``*SHELL SECTION``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from hpcinv.base.reading.abaqus_keywords import Keyword
+from hpcinv.formats.cards.card import CardError, UnknownLaw, number
+from hpcinv.formats.cards.deck import ShellSection
+
+SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
+_OTHERS = ("SOLID SECTION", "BEAM SECTION", "BEAM GENERAL SECTION", "FRAME SECTION")
+_OFFSETS = {"SPOS": 0.5, "SNEG": -0.5}
+_NOT_READ = {
+    "SYMMETRIC": "list all layers",
+    "SHELL THICKNESS": "give the thickness by *NODAL THICKNESS",
+    "LAYUP": "list the layers of one section",
+}
+_NODAL = "nodal_thickness"  # array that the reader of the mesh makes
+
+
+def has_shells(file: Iterable[Keyword]) -> bool:
+    """Return whether the elements of a file are shells.
+
+    Raises:
+        UnknownLaw: there are shells, and solids or beams.
+    """
+    names = {keyword.name: None for keyword in file}
+    shells, others = ([name for name in names if name in kinds] for kinds in (SECTIONS, _OTHERS))
+    if shells and others:
+        text = f"has *{shells[0]} and *{others[0]}: shells tied to solids or beams have no counterpart"
+        raise UnknownLaw(f"{text}; delete the elements and the section of what bears no load, or mesh all as a solid")
+    return bool(shells)
+
+
+def section_of(keyword: Keyword) -> ShellSection:
+    """Return a section; its layers have the names of their materials.
+
+    Raises:
+        CardError: it is damaged, or has what is not read.
+    """
+    parameters = keyword.options
+    title = f"*{keyword.name}"
+    for name, remedy in _NOT_READ.items():
+        if name in parameters:
+            raise UnknownLaw(f"{title}, {name} has no counterpart; {remedy}")
+    region, axes = (parameters.get(name, "") for name in ("ELSET", "ORIENTATION"))
+    offset = parameters.get("OFFSET", "0").upper() or "0"
+    place = _OFFSETS[offset] if offset in _OFFSETS else number(offset, f"{title}, OFFSET")
+    layers, orientations = _layers(keyword, region, axes)
+    if any(thickness < 0 for _, thickness in layers):
+        raise CardError(f"{title} of {region}: a thickness is negative")
+    is_uniform = all(thickness for _, thickness in layers)
+    is_membrane = keyword.name == SECTIONS[-1]
+    return ShellSection(region, layers, place, "" if is_uniform else _NODAL, is_membrane, orientations)
+
+
+def _layers(keyword: Keyword, region: str, axes: str) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
+    """Return materials and thicknesses of the layers, 0 where nodes have them, and the names of their axes."""
+    options, title = keyword.options, f"*{keyword.name}"
+    if "COMPOSITE" in options:
+        if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
+            raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
+        layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
+        return layers, tuple((line[3] if len(line) > 3 else "") or axes for line in keyword.lines)
+    if not options.get("MATERIAL"):
+        raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
+    text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
+    thickness = 0.0 if "NODAL THICKNESS" in options else number(text, f"{title} of {region}")
+    return ((options["MATERIAL"], thickness),), (axes,)

@@ -1,0 +1,117 @@
+"""Supports of archives of Ansys, whose ``D`` commands name nodes one by one, and materials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hpcinv.formats.cards.ansys import Property, property_of
+from hpcinv.formats.cards.card import number
+from hpcinv.formats.cards.deck import Deck, isotropic
+
+_AXES = {"UX": "x", "UY": "y", "UZ": "z"}
+_READ = frozenset({"D", "ET", "ETBL", "NBLO", "EBLO", "CMBL", "N", "MP", "MPDA", "TB", "TBDA", "TBTE", "*SET"})
+"""commands that are read, by the first four letters, which are those that Ansys reads"""
+_WITHOUT_EFFECT = frozenset(
+    {"/COM", "/PRE", "/NOP", "/GO", "/GOP", "/TIT", "/UNI", "/SOL", "FINI", "/BAT", "/CON", "/WB", "/NOL", "/GOL"}
+    | {"*IF", "*END", "*ELS", "NUMO", "DOF", "EXTO", "MPTE", "TOFF", "TREF", "/EOF", "/EXI", "SAVE", "ESEL", "NSEL"}
+    | {"ALLS", "CMSE", "KEYO", "/POS", "SOLV", "/STA", "ANTY", "OUTR", "OUTP", "R", "RLBL", "SECT", "SECD", "SECO"}
+)
+"""commands on what the job has from elsewhere, on the order of a program, or on its output"""
+
+
+_ELASTIC = ("EX", "EY", "EZ", "PR", "NU", "G")
+"""beginnings of the names of elastic properties"""
+_KNOWN = _READ | _WITHOUT_EFFECT
+
+
+def _is_command(name: str) -> bool:
+    """Return whether the first entry of a line is a command, not a number, a format or a definition."""
+    return "=" not in name and _begins_command(name)
+
+
+def _begins_command(name: str) -> bool:
+    return name[:1].isalpha() or (name[:1] in "/*" and name[1:2].isalpha())
+
+
+def is_shell(text: str) -> bool:
+    """Return False: shells of archives are not read."""
+    return False
+
+
+def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
+    """Return what the archive says; a displacement of nodes is a support if a component has just these nodes.
+
+    Raises:
+        CardError: a number is damaged.
+    """
+    reader = _ArchiveReader()
+    for line in text.splitlines():
+        name, *entries = (word.strip() for word in line.split(","))
+        reader.read(name.upper(), entries)
+    return reader.deck(nodes_of_sets)
+
+
+class _ArchiveReader:
+    """Reads the commands in order.
+
+    Attributes:
+        nodes: held ones by label and displacement.
+        moduli: of the materials, by their names.
+        laws: numbers of the materials that have a table.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: dict[tuple[str, float], set[int]] = {}
+        self.moduli: dict[str, dict[str, float]] = {}
+        self.laws: dict[str, None] = {}
+        self._variables: dict[str, str] = {}
+        self._unused: set[str] = set()
+
+    def read(self, command: str, entries: list[str]) -> None:
+        """Read a line by its command, in upper case."""
+        if (entry := property_of(command, entries)) is not None:
+            self._read_property(command, entry)
+        elif command == "D" and len(entries) > 2 and entries[0].isdigit():
+            for label in _AXES if entries[1].upper() == "ALL" else (entries[1].upper(),):
+                self.nodes.setdefault((label, number(entries[2] or "0", "D")), set()).add(int(entries[0]))
+        elif command == "*SET" and len(entries) > 1:
+            self._variables[entries[0].upper()] = entries[1]
+        elif command == "TB" and len(entries) > 1 and entries[0].upper() == "HYPER":
+            self.laws.setdefault(self._value(entries[1]) or "1")
+        elif command[:4] == "EBLO" and "SOLID" not in [word.upper() for word in entries]:
+            self._unused.add("elements of an EBLOCK that are not solids, such as contacts")
+        elif _is_command(command) and command[:4] not in _KNOWN:
+            self._unused.add(command)
+
+    def _value(self, text: str) -> str:
+        return self._variables.get(text.upper(), text)
+
+    def _read_property(self, command: str, entry: Property) -> None:
+        material = self._value(entry.material) or "1"
+        if len(entry.values) > 1:
+            self._unused.add(f"{command},{entry.name} of material {material} at further temperatures")
+        if entry.name in ("EX", "NUXY", "PRXY") and entry.values:
+            self.moduli.setdefault(material, {})[entry.name] = number(entry.values[0], command)
+        elif entry.name.startswith(_ELASTIC):
+            self._unused.add(f"{command},{entry.name} of material {material}")
+
+    def deck(self, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
+        """Return what the commands say."""
+        deck = Deck()
+        for material, values in self.moduli.items():
+            poisson = values.get("PRXY", values.get("NUXY"))
+            if "EX" in values and poisson is not None:
+                deck.linear[material] = isotropic(values["EX"], poisson)
+        if len(numbers := dict.fromkeys([*self.laws, *deck.linear])) > 1:  # the regions of several materials
+            deck.materials = {f"material-{number_of}": number_of for number_of in numbers}
+        held: dict[str, dict[str, float]] = {}
+        for (label, value), members in self.nodes.items():
+            region = next((name for name, own in nodes_of_sets.items() if own == members), None)
+            if label in _AXES and region is not None:
+                held.setdefault(region, {})[_AXES[label]] = value
+            else:
+                self._unused.add(f"D,{label} of {len(members):,} nodes that are not a component")
+        for region, components in held.items():
+            deck.support(region, components)
+        deck.unused += sorted(self._unused)
+        return deck

@@ -1,0 +1,232 @@
+"""Materials of parts, supports and loads of model files of FEBio (formats 2.5 to 4.0)."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+
+from hpcinv.formats.cards.card import CardError, UnknownLaw, number
+from hpcinv.formats.cards.deck import Deck, Measure, NodalForces
+from hpcinv.formats.cards.entry import vector
+from hpcinv.formats.cards.febio import root_of
+from hpcinv.formats.cards.febio_curves import LoadCurves
+
+_READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
+_WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
+_AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
+_KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
+_OPTIONS = frozenset(
+    {"x_dof", "y_dof", "z_dof", "dofs", "dof", "value", "scale", "relative", "pressure", "traction", "force"}
+    | {"x", "y", "z", "linear", "shell_bottom", "symmetric_stiffness"}
+)
+"""elements within conditions and loads that are read, or that do not change the load"""
+_ATTRIBUTES = frozenset({"name", "type", "node_set", "surface", "elem_set", "bc", "lc", "id"})
+_SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
+_AT_REST = ("", "STATIC", "STEADY-STATE")
+
+
+def is_shell(text: str) -> bool:
+    """Return False: shells alone are not read."""
+    return False
+
+
+def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
+    """Return what the model says at the end of its last step, with the values of the load curves there.
+
+    Raises:
+        CardError: it is not XML, or a number is damaged.
+    """
+    return _DeckReader(root_of(text), nodes_of_sets).deck()
+
+
+class _DeckReader:
+    def __init__(self, root: ET.Element, nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
+        self._sets = nodes_of_sets
+        self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)
+        steps = root.findall("Step/step") or root.findall("Step")  # several in format 2.5
+        self._last = steps[-1:]
+        if len(steps) > 1:
+            self._deck.unused.append(f"steps before the last one of {len(steps)}")
+
+    def deck(self) -> Deck:
+        self._read_materials()
+        held: dict[tuple[str, str], dict[str, float]] = {}
+        for condition in self._entries("Boundary"):
+            self._read_condition(condition, held)
+        for (name, of), values in held.items():
+            self._deck.support(name, values, of=of)
+        for load in self._entries("Loads"):
+            self._read_load(load)
+        for entry in (*self._entries("Boundary"), *self._entries("Loads")):
+            self._list_options(entry)
+        self._list_the_rest()
+        return self._deck
+
+    def _entries(self, section: str) -> list[ET.Element]:
+        """Return the entries of a section, and of the last step."""
+        return [entry for place in (self._root, *self._last) for entry in place.findall(f"{section}/*")]
+
+    def _read_materials(self) -> None:
+        deck, materials = self._deck, list(self._root.iter("material"))
+        names = {entry.get("id", ""): entry.get("name", entry.get("id", "")) for entry in materials}
+        for domain in self._root.findall("MeshDomains/*"):
+            if domain.tag == "SolidDomain":
+                deck.materials[domain.get("name", "")] = names.get(domain.get("mat", ""), domain.get("mat", ""))
+            else:
+                deck.unused.append(f"<{domain.tag} name='{domain.get('name', '')}'>")
+        self._refuse_shells({entry.get(key, ""): entry.get("type") for entry in materials for key in ("id", "name")})
+        for part in self._root.iter("Elements"):
+            if part.get("mat") and part.get("name"):
+                deck.materials[part.get("name", "")] = names.get(part.get("mat", ""), part.get("mat", ""))
+
+    def _refuse_shells(self, types: Mapping[str, str | None]) -> None:
+        """Raise ``UnknownLaw`` for shells that are not rigid, next to solids.
+
+        Args:
+            types: of materials by name and number.
+        """
+        domains = {domain.get("name"): domain.get("mat") for domain in self._root.findall("MeshDomains/*")}
+        for part in self._root.iter("Elements"):
+            material = part.get("mat") or domains.get(part.get("name")) or ""
+            is_shell = part.get("type", "").lower().startswith(_SHELLS)
+            if is_shell and types.get(material, "rigid body") != "rigid body":
+                text = f"has shells, such as <Elements name='{part.get('name', '')}'>, which have no counterpart"
+                raise UnknownLaw(f"{text} next to solids; delete those that bear no load, or mesh all as a solid")
+
+    def _list_the_rest(self) -> None:
+        unused = self._deck.unused
+        for place in (self._root, *self._last):
+            unused += [f"<{part.tag}>" for part in place if part.tag not in (*_READ, *_WITHOUT_EFFECT) and len(part)]
+            for analysis in place.findall("Control/analysis"):
+                kind = (analysis.text or analysis.get("type") or "").strip()
+                if kind.upper() not in _AT_REST:
+                    unused.append(f"inertia (analysis {kind})")
+
+    def _list_options(self, entry: ET.Element) -> None:
+        """List what a condition or a load says and this reader does not know."""
+        place = entry.get("type", entry.tag)
+        for option in entry:
+            if option.tag not in _OPTIONS and (option.text or "").strip() not in ("0", "false"):
+                self._deck.unused.append(f"<{option.tag}> of <{entry.tag} type='{place}'>")
+        attributes = [name for name in entry.attrib if name not in _ATTRIBUTES]
+        self._deck.unused += [f"{name}= of <{entry.tag} type='{place}'>" for name in attributes]
+
+    def _read_condition(self, condition: ET.Element, held: dict[tuple[str, str], dict[str, float]]) -> None:
+        region, of = _region_of(condition)
+        kind = condition.get("type", condition.tag)
+        values = self._displacements(condition, kind, region)
+        if values and region:
+            held.setdefault((region, of), {}).update(values)
+        else:
+            self._deck.unused.append(f"<{condition.tag} type='{kind}'>{f' on {region}' if region else ''}")
+
+    def _displacements(self, condition: ET.Element, kind: str, region: str) -> dict[str, float]:
+        """Return what a condition prescribes by axis; empty if it is not read."""
+        if kind == "zero displacement":
+            return {axis: 0.0 for axis in "xyz" if (condition.findtext(f"{axis}_dof") or "0").strip() == "1"}
+        if kind == "fix":
+            axes = condition.findtext("dofs") or condition.get("bc") or ""
+            return {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
+        if kind in ("prescribed displacement", "prescribe") and not _is_set(condition, "relative"):
+            axis = (condition.findtext("dof") or condition.get("bc") or "").strip()
+            amount = condition.find("value") if condition.find("value") is not None else condition.find("scale")
+            if axis in tuple("xyz") and amount is not None:
+                return {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
+        return {}
+
+    def _read_load(self, load: ET.Element) -> None:
+        kind, region = load.get("type", ""), load.get("surface", "")
+        if _is_set(load, "shell_bottom"):
+            kind = f"{kind} below a shell"
+        if kind == "pressure" and (value := self._pressure(load, region)) is not None:
+            key = "dead_pressure" if _is_set(load, "linear") else "pressure"
+            self._deck.effects.append({"effect": "pressure", "region": region, key: value})
+        elif kind == "traction" and region:
+            area_in = "reference" if _is_set(load, "linear") else "current"
+            effect = {"effect": "traction", "region": region, "traction": self._traction(load, region)}
+            self._deck.effects.append(effect | {"area_in": area_in})
+        elif load.tag == "nodal_load" and (nodal := self._nodal_force(load)) is not None:
+            name, of = _region_of(load)
+            forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
+            self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces, of))
+        elif load.tag == "body_load" and not load.get("elem_set") and (force := self._body_force(load)) is not None:
+            self._add_weight(force)
+        else:
+            place = region or load.get("node_set") or load.get("elem_set") or ""
+            self._deck.unused.append(f"<{load.tag}> type='{kind}'{f' on {place}' if place else ''}")
+
+    def _pressure(self, load: ET.Element, region: str) -> Measure | None:
+        """Return a pressure; ``None`` if it varies in space."""
+        size = load.find("pressure") if load.find("pressure") is not None else load.find("value")
+        if size is None or size.get("type", "const") != "const":
+            return None
+        factor = self._factor(size, "pressure", region)
+        return Measure(number(size.text or "", "pressure") * factor, stress=1)
+
+    def _traction(self, load: ET.Element, region: str) -> list[Measure]:
+        scale, direction = load.find("scale"), load.find("traction")
+        factors = [self._factor(item, "traction", region) for item in (scale, direction) if item is not None]
+        factor = math.prod([*factors, 1.0 if scale is None else number(scale.text or "1", "scale")])
+        return [Measure(factor * entry, stress=1) for entry in vector(load.findtext("traction"), "traction")]
+
+    def _nodal_force(self, load: ET.Element) -> tuple[float, float, float] | None:
+        """Return the force at each node of a load; ``None`` if it is something else."""
+        axis = (load.findtext("dof") or load.get("bc") or "").strip()
+        size = load.find("scale") if load.find("scale") is not None else load.find("value")
+        if size is None:
+            return None
+        factor, name = self._factor(size, "nodal_load", load.get("node_set", "")), load.get("node_set", "")
+        if axis in tuple("xyz"):
+            x, y, z = (factor * number(size.text or "1", "nodal_load") * (axis == other) for other in "xyz")
+        elif load.get("type") == "nodal_force" and name:
+            x, y, z = (factor * entry for entry in vector(size.text, "nodal_load"))
+        else:
+            return None
+        return x, y, z
+
+    def _body_force(self, load: ET.Element) -> tuple[float, ...] | None:
+        """Return the acceleration of a body force, whose sign is the opposite in these files."""
+        kind, force = load.get("type", ""), load.find("force")
+        if kind == "body force" and force is not None and force.get("type", "const") == "const":
+            factor = self._factor(force, kind, "the body")
+            return tuple(0.0 - factor * entry for entry in vector(force.text, "force"))
+        if kind == "const":
+            items = [load.find(axis) for axis in "xyz"]
+            return tuple(
+                0.0
+                if item is None
+                else 0.0 - self._factor(item, kind, "the body") * number(item.text or "1", "body_load")
+                for item in items
+            )
+        return None
+
+    def _add_weight(self, acceleration: tuple[float, ...]) -> None:
+        densities = {number(entry.text or "", "density") for entry in self._root.findall("Material/material/density")}
+        components = [Measure(component, length=1, time=-2) for component in acceleration]
+        effect = {"effect": "gravity", "acceleration": components}
+        self._deck.mass_load(effect, sorted(densities, reverse=True), "<body_load>", "<density>")
+
+    def _factor(self, item: ET.Element, what: str, region: str) -> float:
+        """Return the value of the load curve of an entry at the end; 1 without one."""
+        label = item.get("lc")
+        if not label:
+            return 1.0
+        try:
+            return self._curves.at_end(label)
+        except CardError as error:
+            self._deck.unused.append(f"load curve {label} of the {what} on {region}: {error}")
+            return 1.0
+
+
+def _region_of(entry: ET.Element) -> tuple[str, str]:
+    """Return the name of the nodes of a condition, and what has that name."""
+    name = entry.get("node_set") or entry.get("surface") or ""
+    prefix = _AS_NODES.match(name)
+    of = _KINDS.get(prefix[1], "nodes") if prefix else "nodes" if entry.get("node_set") else "surface"
+    return _AS_NODES.sub("", name), of
+
+
+def _is_set(entry: ET.Element, flag: str) -> bool:
+    return (entry.findtext(flag) or "0").strip() not in ("0", "false")

@@ -1,0 +1,23 @@
+"""Files of images: NIfTI, NRRD, MetaImage, VTK image data and DICOM segmentations, also compressed by gzip."""
+
+from pathlib import Path
+
+from hpcinv.base.reading.voxels import VoxelGrid
+from hpcinv.mesh.io.isolated import read_isolated
+
+_FORMATS = (
+    "Formats are NIfTI (.nii), NRRD, MetaImage (.mha, .mhd), VTK image data (.vti), these also compressed (.gz), and"
+    " DICOM-SEG (.dcm); axes must be at right angles."
+)
+
+
+def read_voxels(path: Path) -> VoxelGrid:
+    """Read the voxels of an image in a process of its own, in the unit of the file, and check them.
+
+    Raises:
+        MeshError: it cannot be read, contradicts itself, or there is not enough memory.
+        SystemPartMissing: the packages for images are not installed.
+    """
+    head, arrays = read_isolated("image", path, "cannot be read as an image", _FORMATS)
+    numbers = arrays.pop("numbers").transpose()
+    return VoxelGrid(numbers, names=head["names"], **arrays)

@@ -1,3 +1,0 @@
-"""Identification of parameters of a job, together with the rest shape, from observations of several states."""
-
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

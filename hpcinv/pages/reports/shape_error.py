@@ -1,0 +1,71 @@
+"""The largest known error of a computed shape, and its cause."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hpcinv.base.quantity.units import readable
+
+CAUSES: Mapping[str, str] = {
+    "mesh": "the mesh",
+    "surface": "the given surface",
+    "round trip": "the round trip",
+}
+"""what a cause is called in sentences"""
+
+REMEDIES: Mapping[str, str] = {
+    "mesh": "Refine the mesh, or demand an accuracy, for a better shape.",
+    "surface": "Take a better surface, such as from smaller voxels; a finer mesh does not help.",
+    "round trip": "Read the line on stability: the return solve may lead to another state.",
+}
+
+
+@dataclass(frozen=True)
+class ShapeError:
+    """Estimated errors of a shape in m by their cause, the largest first; a surface's error is a standard deviation."""
+
+    causes: Mapping[str, float]
+
+    @property
+    def cause(self) -> str:
+        return next(iter(self.causes))
+
+    @property
+    def largest(self) -> float:
+        return self.causes[self.cause]
+
+    @property
+    def text(self) -> str:
+        """The largest error with its cause, and the others."""
+        less = [f"{readable(value, 'm')} from {CAUSES[cause]}" for cause, value in list(self.causes.items())[1:]]
+        others = f" ({', '.join(less)})" if less else ""
+        return f"{readable(self.largest, 'm')} from {CAUSES[self.cause]}{others}"
+
+    def as_data(self) -> dict[str, Any]:
+        """Return JSON data."""
+        return {"largest": self.largest, "cause": self.cause, "by_cause": dict(self.causes)}
+
+
+def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
+    """Return the errors that a summary has of its shapes, over all states; ``None`` if it has none."""
+    certificate, causes = summary["certificate"], dict[str, float]()
+    estimate = certificate.get("estimate") or {}
+    if estimate.get("shape") is not None:
+        causes["mesh"] = float(estimate["shape"])
+    surface = summary.get("surface_errors") or {}
+    deviations = [
+        shape["sd"] for shape in (surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}).values()
+    ]
+    if known := [float(sd) for sd in deviations if sd is not None]:
+        causes["surface"] = max(known)
+    gaps = [
+        float(line["value"]) * float(solution["largest_displacement"])
+        for line in certificate["lines"]
+        for solution in summary["solutions"][:1]
+        if line["name"].startswith("round trip") and line["value"] is not None
+    ]
+    if causes and gaps and max(gaps) > max(causes.values()):
+        causes["round trip"] = max(gaps)
+    if not causes:
+        return None
+    return ShapeError(dict(sorted(causes.items(), key=lambda item: -item[1])))

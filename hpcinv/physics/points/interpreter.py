@@ -1,0 +1,116 @@
+"""The interpreter of programs, and functions with the signature of DOLFINx' kernels that run them."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.parallel.jit import NoLibrary, compile_library
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.points.array_interpreter import ArrayKernel, Place
+from hpcinv.physics.points.program import Program
+
+_MOST = 1024
+"""kernels that one copy of the interpreter can have at a time: `functions` of interpreter.c"""
+
+_OPTIMISATION = "-O2", "-ftree-vectorize", "-fvect-cost-model=unlimited"
+"""-O3 takes 1.5 times as long to compile, and the interpreter then 1.4 times as long"""
+
+
+class _Program(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int32) for name in ("lanes", "blocks", "points", "rank")),
+        *((name, ctypes.c_int32) for name in ("operations", "outputs", "width", "columns")),
+        *((name, ctypes.c_void_p) for name in ("rows", "gathers", "bases", "results", "numbers", "tables")),
+        ("entity_size", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in ("places", "slots", "products")),
+    )
+
+
+class _Kernel(ctypes.Structure):
+    _fields_ = (("count", ctypes.c_int32), ("programs", ctypes.POINTER(_Program)))
+
+
+def kernel_of(programs: Sequence[Program], place: Place) -> Kernel | ArrayKernel:
+    """Return the kernel of programs: in C, or in NumPy where there is no compiler.
+
+    Args:
+        place: of the integral in its form.
+    """
+    if not reason_against_c():
+        with suppress(NoLibrary):
+            return Kernel(programs)
+    return ArrayKernel(programs, place)
+
+
+@cache
+def reason_against_c() -> str:
+    """Return why the interpreter cannot be in C on this machine; "" if it can."""
+    try:
+        _copy(0)
+    except NoLibrary as reason:
+        return str(reason)
+    return ""
+
+
+def note_on_speed() -> str:
+    """Return the line that a run prints where NumPy is the interpreter; "" where it is not."""
+    reason = reason_against_c()
+    return reason and f"{reason}: NumPy evaluates laws and loads, which takes longer (docs/how-to/start-up.md)"
+
+
+class Kernel:
+    """Programs that together make an element's number, vector, matrix or the values of an expression.
+
+    Attributes:
+        address: of the function that runs them.
+    """
+
+    def __init__(self, programs: Sequence[Program]) -> None:
+        library, number = _take_function()
+        self._kept: list[Any] = []
+        structures = (_Program * len(programs))(*map(self._structure, programs))
+        self._kernel = _Kernel(len(programs), structures)
+        (ctypes.c_void_p * _MOST).in_dll(library, "kernels")[number] = ctypes.addressof(self._kernel)
+        self.address = (ctypes.c_void_p * _MOST).in_dll(library, "functions")[number]
+        weakref.finalize(self, _free.append, (library, number))
+
+    def _structure(self, program: Program) -> _Program:
+        lanes, columns = program.lanes, (program.columns + 3) & ~3
+        data = program.rows, program.gathers, program.bases, program.results, program.numbers, program.tables
+        room = program.places, np.empty(program.slots * lanes), np.empty(columns * lanes)
+        arrays = [np.ascontiguousarray(array) for array in (*data, *room)]
+        self._kept += arrays
+        pointers = [array.ctypes.data for array in arrays]
+        numbers = lanes, program.blocks, program.points, program.rank
+        sizes = len(program.rows), len(program.results), program.width, program.columns
+        return _Program(*numbers, *sizes, *pointers[: len(data)], program.entity_size, *pointers[len(data) :])
+
+
+_free: deque[tuple[ctypes.CDLL, int]] = deque()
+"""functions that no kernel has: copies of the interpreter with their numbers"""
+_copies: list[ctypes.CDLL] = []
+"""copies of the interpreter whose functions are free or taken"""
+
+
+def _take_function() -> tuple[ctypes.CDLL, int]:
+    """Return a function that no kernel has, of a further copy of the interpreter if all have one."""
+    if not _free:
+        _copies.append(_copy(len(_copies)))
+        _free.extend((_copies[-1], number) for number in range(_MOST))
+    return _free.popleft()
+
+
+@cache
+def _copy(number: int) -> ctypes.CDLL:
+    """Return a copy of the interpreter, with functions of its own."""
+    code = Path(__file__).with_name("interpreter.c").read_text()
+    return compile_library(MPI.COMM_SELF, code, optimisation=_OPTIMISATION, is_separate=number > 0)

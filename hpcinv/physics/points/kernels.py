@@ -1,0 +1,270 @@
+"""Forms and expressions as kernels of DOLFINx that the interpreter runs; FFCx compiles what programs do not have."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
+
+# isort: split
+import basix
+import dolfinx.jit
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx.fem import IntegralType
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.classes import CoefficientDerivative, Jacobian
+
+from hpcinv.base.parallel import jit
+from hpcinv.base.parallel.runtime import MPI, explain_compilation, on_root
+from hpcinv.physics.points import point_scalars
+from hpcinv.physics.points.array_interpreter import EXPRESSION, Place
+from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.interpreter import kernel_of
+from hpcinv.physics.points.program import Program
+from hpcinv.physics.points.program_files import Integral, Programs, kept_programs
+from hpcinv.physics.points.scalar_graph import NotAnalytic
+from hpcinv.physics.points.tables import Tables, cell_rule, facet_rule, on_facets
+
+JIT_OPTIONS = jit.JIT_OPTIONS
+_TYPES = tuple(IntegralType.__members__)
+
+
+def _form_programs(form: Any) -> Programs:
+    (mesh,) = form.ufl_domains()
+    if not point_scalars.is_supported(mesh):
+        raise NotAnalytic("its mesh is not one of solids")
+    kind, rank = mesh.ufl_coordinate_element().cell_type.name, len(form.arguments())
+    sources = Sources(form.coefficients(), form.constants())
+    domains = []
+    for (type_number, number), rules in sorted(_by_domain(form).items()):
+        is_cell = _TYPES[type_number] == "cell"
+        programs, functions = [], set[Any]()
+        for metadata, integrands in rules.values():
+            for integrand in _joined(integrands):
+                tables = Tables(*(cell_rule if is_cell else facet_rule)(kind, metadata))
+                maker = Integrand(mesh, tables, sources)
+                programs.append(maker.form(integrand, "volume" if is_cell else "area", rank))
+                functions |= maker.functions
+        cell = basix.CellType[kind]
+        domain = cell if is_cell else basix.cell.subentity_types(cell)[2][0]
+        domains.append((_TYPES[type_number], number, int(domain), functions, tuple(programs)))
+    integrals = []
+    for name, number, cell_number, taken, made in domains:
+        used = {sources.number(f) for f in taken}
+        enabled = tuple(i in used for i in range(len(sources.used)))
+        integrals.append(Integral(name, number, cell_number, enabled, made))
+    return Programs(sources.used, integrals)
+
+
+def _by_domain(form: Any) -> dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]]:
+    """Return metadata and integrands by quadrature rule, by type and region of the integral; -1 is everywhere."""
+    found: dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]] = {}
+    for integral in _with_degrees(form.integrals()):
+        if integral.integral_type() not in ("cell", "exterior_facet"):
+            raise NotAnalytic(f"it has integrals over {integral.integral_type()}s")
+        regions = integral.subdomain_id()
+        for region in regions if isinstance(regions, tuple) else (regions,):
+            place = _TYPES.index(integral.integral_type()), -1 if isinstance(region, str) else int(region)
+            rules = found.setdefault(place, {})
+            rules.setdefault(repr(integral.metadata()), (integral.metadata(), []))[1].append(integral.integrand())
+    return found
+
+
+def _with_degrees(integrals: Sequence[Any]) -> list[Any]:
+    """Return integrals of which those without a quadrature degree have the one that UFL estimates, as by FFCx."""
+    given = [
+        i for i in integrals if i.metadata().get("quadrature_degree", -1) != -1 or "quadrature_rule" in i.metadata()
+    ]
+    others = [i for i in integrals if i not in given]
+    if not others:
+        return given
+    data = ufl.algorithms.compute_form_data(
+        ufl.Form(others),
+        do_apply_function_pullbacks=True,
+        do_apply_integral_scaling=True,
+        do_apply_geometry_lowering=True,
+        preserve_geometry_types=(Jacobian,),
+        do_append_everywhere_integrals=False,
+    )
+    parts = [part for group in data.integral_data for part in group.integrals]
+    degree = max(int(np.max(part.metadata()["estimated_polynomial_degree"])) for part in parts)
+    return [*given, *(i.reconstruct(metadata=i.metadata() | {"quadrature_degree": degree}) for i in others)]
+
+
+def _joined(integrands: Sequence[Any]) -> list[Any]:
+    """Return integrands of which those that are not derivatives are one sum."""
+    derivatives = [i for i in integrands if isinstance(i, CoefficientDerivative)]
+    others = [i for i in integrands if not isinstance(i, CoefficientDerivative)]
+    return [*derivatives, *([sum(others[1:], others[0])] if others else [])]
+
+
+def _expression_programs(expression: Any, points: npt.NDArray[np.float64]) -> Programs:
+    domains = ufl.domain.extract_domains(expression)
+    if len(domains) != 1 or not point_scalars.is_supported(domains[0]):
+        raise NotAnalytic("its mesh is not one of solids")
+    sources = Sources(extract_coefficients(expression), extract_constants(expression))
+    if points.shape[1] == 3:
+        tables = Tables(points)
+    else:
+        places, normals = on_facets(domains[0].ufl_coordinate_element().cell_type.name, points)
+        tables = Tables(places, normals=normals)
+    program = Integrand(domains[0], tables, sources).expression(expression)
+    return Programs.of_expression(program, sources.used)
+
+
+def _signature(item: Any) -> bytes:
+    """Return a text that is the same for equal forms, or for equal expressions at equal points."""
+    if isinstance(item, ufl.Form):
+        return str(item.signature()).encode()
+    expression, points = item
+    numbers = {f: i for i, f in enumerate(ufl.domain.extract_domains(expression))}
+    for functions in (extract_coefficients(expression), extract_constants(expression)):
+        numbers |= {f: i for i, f in enumerate(functions)}
+    text = ufl.algorithms.signature.compute_expression_signature(expression, numbers)
+    return bytes(f"{text} {points.shape}".encode() + points.tobytes())
+
+
+class Structures:
+    """Structures of UFCx, which keep what they refer to."""
+
+    def __init__(self) -> None:
+        self.ffi = jit.interface()
+        self._kept: list[Any] = []
+
+    def form(self, form: Any, programs: Programs) -> Any:
+        """Return the structure of a form."""
+        ffi, integrals = self.ffi, programs.integrals
+        mesh_hash = form.ufl_domains()[0].ufl_coordinate_element().basix_hash()
+        parts = []
+        counts = Counter[str]()
+        for integral in integrals:
+            part = ffi.new("ufcx_integral *")
+            part.enabled_coefficients = self._array("bool", integral.enabled)
+            part.tabulate_tensor_float64 = self._kernel(integral.programs, (integral.kind, counts[integral.kind]))
+            counts[integral.kind] += 1
+            part.coordinate_element_hash = mesh_hash
+            part.domain = integral.cell
+            parts.append(part)
+        made = ffi.new("ufcx_form *")
+        made.signature = self._array("char", [b"\0"])
+        made.rank = len(form.arguments())
+        made.num_coefficients = len(programs.functions)
+        made.original_coefficient_positions = self._array("int", programs.functions)
+        constants = form.constants()
+        made.num_constants = len(constants)
+        made.constant_ranks = self._array("int", [len(c.ufl_shape) for c in constants])
+        made.constant_shapes = self._array("int *", [self._array("int", c.ufl_shape) for c in constants])
+        made.finite_element_hashes = self._array("uint64_t", [0] * (made.rank + len(programs.functions)))
+        made.form_integrals = self._array("ufcx_integral *", parts)
+        made.form_integral_ids = self._array("int", [integral.number for integral in integrals])
+        made.form_integral_offsets = self._array("int", np.cumsum([0, *(counts[kind] for kind in _TYPES)]).tolist())
+        self._kept += [*parts, made]
+        return made[0]
+
+    def expression(
+        self, programs: Programs, points: npt.NDArray[np.float64], shape: Sequence[int], constants: int, mesh: Any
+    ) -> Any:
+        """Return the structure of an expression with a number of constants, on cells of a UFL mesh."""
+        made = self.ffi.new("ufcx_expression *")
+        made.tabulate_tensor_float64 = self._kernel(programs.integrals[0].programs, EXPRESSION)
+        made.num_coefficients = len(programs.functions)
+        made.original_coefficient_positions = self._array("int", programs.functions)
+        made.num_constants = constants
+        made.num_points, made.entity_dimension = points.shape
+        made.points = self._array("double", points.ravel().tolist())
+        made.value_shape = self._array("int", shape)
+        made.num_components = len(shape)
+        made.coordinate_element_hash = mesh.ufl_coordinate_element().basix_hash()
+        self._kept.append(made)
+        return made[0]
+
+    def _array(self, kind: str, values: Sequence[Any]) -> Any:
+        made = self.ffi.new(f"{kind}[]", list(values)) if values else self.ffi.NULL
+        self._kept.append(made)
+        return made
+
+    def _kernel(self, programs: Sequence[Program], place: Place) -> Any:
+        kernel = kernel_of(programs, place)
+        self._kept.append(kernel)
+        return self.ffi.cast("ufcx_tabulate_tensor_float64 *", kernel.address)
+
+
+def kernels_of(comm: MPI.Intracomm, item: Any, directory: Path) -> tuple[Any, Any, tuple[str, Structures]]:
+    """Return what DOLFINx' just-in-time compiler returns for a form, or for an expression and points; collective.
+
+    DOLFINx keeps the structures, which it takes for the code.
+
+    Raises:
+        NotAnalytic: it has what programs do not have.
+    """
+    structures, description = Structures(), _signature(item)
+    if isinstance(item, ufl.Form):
+        made = structures.form(item, kept_programs(comm, description, lambda: _form_programs(item), directory))
+    else:
+        expression, points = item
+        programs = kept_programs(comm, description, lambda: _expression_programs(*item), directory)
+        (mesh,) = ufl.domain.extract_domains(expression)
+        constants = len(extract_constants(expression))
+        made = structures.expression(programs, points, expression.ufl_shape, constants, mesh)
+    return made, SimpleNamespace(ffi=structures.ffi), ("", structures)
+
+
+def _jit(comm: MPI.Intracomm, item: Any, form_compiler_options: Any = None, jit_options: Any = None) -> Any:
+    """Interpret a form or expression; compile what programs do not have.
+
+    Raises:
+        SystemPartMissing: on all ranks, if it has to be compiled, and there is no compiler.
+    """
+    directory = Path((jit_options or {}).get("cache_dir", jit.DIRECTORY))
+    options: Mapping[str, Any] = form_compiler_options or {}
+    missing = "its numbers are not of double precision"
+    if np.dtype(options.get("scalar_type", np.float64)) == np.float64:
+        try:
+            return kernels_of(comm, item, directory)
+        except NotAnalytic as reason:
+            missing = str(reason)
+    place = term_places.get(missing, "a form")
+    _notes.setdefault(f"{place}: {missing}, which programs do not have: FFCx compiles it", True)
+    try:
+        return compiled_by_ffcx(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
+    except RuntimeError as error:
+        text = str(error)
+        on_root(comm, lambda: explain_compilation(text, f"{place}: {missing}"))
+        raise
+
+
+term_places: dict[str, str] = {}
+"""files and lines of terms of plugins, by what they have and programs do not"""
+_notes: dict[str, bool] = {}
+"""lines on what FFCx compiled, and whether they are new"""
+
+
+def notes_on_ffcx() -> list[str]:
+    """Return lines on what FFCx compiled in this process, each of them once."""
+    new = [line for line, is_new in _notes.items() if is_new]
+    _notes.update(dict.fromkeys(new, False))
+    return new
+
+
+def missing_in_programs(item: Any) -> str:
+    """Return what a form, or an expression, has and programs do not; "" if they have all."""
+    try:
+        if isinstance(item, ufl.Form):
+            _form_programs(item)
+        else:
+            _expression_programs(item, np.full((1, 3), 0.25))
+    except NotAnalytic as reason:
+        return str(reason)
+    except Exception as error:  # UFL's errors have many types; whoever compiles the item reports it
+        return f"{type(error).__name__}: {error}"
+    return ""
+
+
+compiled_by_ffcx = dolfinx.jit.ffcx_jit
+dolfinx.jit.ffcx_jit = _jit

@@ -1,3 +1,0 @@
-"""Sensitivities of the computed body and of its quantities of interest to parameters of the job."""
-
-import hpcinv.parallel.runtime  # noqa: F401  (its import order first)

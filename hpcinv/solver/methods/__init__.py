@@ -1,0 +1,78 @@
+"""Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
+
+from hpcinv.model.outcome import Outcome
+from hpcinv.physics.effects import Direction
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.failing_motion import failing_motion
+from hpcinv.solver.methods.direct_method import DirectMethod
+from hpcinv.solver.methods.fixed_point import FixedPointMethod
+from hpcinv.solver.methods.method import Method, Start
+from hpcinv.solver.methods.updates import UPDATES
+from hpcinv.solver.newton import is_given_up
+from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
+
+_FAILURES = 4
+"""Failed solves after which it is said what moves. Fewer would say it of jobs that only halve a first step."""
+
+
+def method_for(equations: Equations, direction: Direction, observer: Observer = SILENT) -> Method:
+    """Return the method of the equations' job; forward problems are always solved directly."""
+    if direction == "forward" or equations.job.method == "direct":
+        return DirectMethod(equations, direction, observer)
+    return FixedPointMethod(equations, observer)
+
+
+def solve_direction(equations: Equations, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:
+    """Solve up to the full load, until that fails or the observer asks to stop; collective."""
+    comm = equations.body.mesh.comm
+    equations.put_fields(start.solution)
+    method = method_for(equations, direction, observer)
+    observer.begun(direction, method.equilibrium.linear.used)
+    solves, stopped = list(start.solves), False
+    can_restart = start.load > 0 or any(map(method.can_restart_after, start.solves))
+    failures = 0
+    for solve in method.solves(start):
+        interrupted = solve.outcome is Outcome.INTERRUPTED
+        if not interrupted:  # the resumed run repeats an interrupted one
+            solves.append(solve)
+        restartable = method.can_restart_after(solve)
+        can_restart |= restartable
+        event = SolveEvent(
+            solve,
+            tuple(solves),
+            method.reached_load,
+            restartable,
+            equations.largest_displacement(),
+            method.min_mesh_J(),
+        )
+        observer.solved(event)
+        stopped = is_stop_asked(comm, observer) or interrupted
+        if stopped:
+            break
+        failures += not solve.outcome.accepted
+        ends = not solve.outcome.accepted and is_given_up(solves, equations.job.solver.patience)
+        is_time = failures == _FAILURES and not solve.outcome.accepted
+        if (
+            (is_time or (ends and failures < _FAILURES))
+            and isinstance(method, DirectMethod)
+            and not method.equilibrium.numbers.count
+        ):
+            lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
+            observer.failing(lines)
+        if ends:
+            break
+    equilibrium, load = method.equilibrium, method.reached_load
+    loads = method.unknown_loads if isinstance(method, DirectMethod) and load else None
+    cavities, remote_loads = ((), ()) if loads is None else (loads.cavities(load), loads.remote_loads(load))
+    # If nothing was solved, PETSc has used no options.
+    unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
+    equations.release(equilibrium)
+    used = equilibrium.linear.used
+    solved = SolvedDirection(
+        direction, tuple(solves), method.reached_load, used, stopped, can_restart, unused, cavities, remote_loads
+    )
+    observer.ended(solved)
+    return solved
+
+
+__all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for", "solve_direction"]

@@ -1,0 +1,113 @@
+"""The direct method: equilibrium is formulated on the given body and solved by one continuation in the load."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from hpcinv.model.outcome import Outcome
+from hpcinv.physics.effects import Direction
+from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.methods.fallbacks import Problem, reach
+from hpcinv.solver.methods.method import UNLOADED, Guess, Method, Start
+from hpcinv.solver.methods.unknown_loads import UnknownLoads
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import SILENT, Observer
+
+AUGMENTATION = "augmentation"
+"""Strategy of the solves in which the pressures of rigid obstacles, or their nearest points, settle."""
+_MOST_UPDATES = 100  # of contacts
+_MOST_HALVINGS = 4
+"""Halvings of an update of the contacts without a solution; raised, hopeless solves end later."""
+
+
+class DirectMethod(Method):
+    """Direct method for forward and inverse problems (doi:10.1007/s00366-021-01597-z)."""
+
+    def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
+        self.equilibrium = equations.equilibrium(equations.weak_form(direction), observer)
+        self.problem = Problem(equations, direction, self.equilibrium, observer)
+        self.unknown_loads = UnknownLoads(equations, self.equilibrium)
+        self.steps = equations.steps
+        if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
+            self.steps = replace(self.steps, limit_points=0)  # the second direction has none
+
+    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+        self.reached_load = start.load
+        contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
+        self.check_start(start)
+        if contacts.is_iterated:
+            contacts.reset()
+            if start.load == 1.0:  # a checkpoint has no contact pressures
+                self.reached_load = 0.0
+                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+                yield solve
+                if solve.outcome.accepted:
+                    yield from self._augment(tolerance)
+                return
+        if start.origin is not None:
+            equations = self.problem.equations
+            equations.put_fields(start.origin)
+            self.equilibrium.begin_path()
+            if start.solution is not None:
+                equations.put_fields(start.solution)
+            self.steps = replace(self.steps, cases=1)
+        if start.load > 0.0:
+            self.equilibrium.numbers.recover(start.load)
+        # The other strategies are chosen for the path that they take, which a guess would skip.
+        is_path_free = isinstance(self.steps, AdaptiveSteps) and not contacts.is_iterated
+        if is_path_free and start.guess is not None and start.load == 0.0:
+            yield (solve := self._solve_from(start.guess))
+            if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
+                return
+        passed = sum(solve.limit_point for solve in start.solves)
+        for solve in reach(self.problem, self.steps, load=start.load, passed=passed):
+            is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
+            if solve.outcome.accepted and not is_last:
+                self.reached_load = solve.load
+            yield solve
+            if is_last:
+                yield from self._augment(tolerance)
+
+    def _solve_from(self, guess: Guess) -> Solve:
+        """Solve at the full load from a guess; the body is unloaded again if that fails."""
+        self.equilibrium.depart(0.0)
+        solve = guess.solve(self.problem.equations, self.equilibrium)
+        if solve.outcome.accepted:
+            self.reached_load = 1.0
+        else:
+            self.problem.equations.unload()
+        return solve
+
+    def _augment(self, tolerance: float) -> Iterator[Solve]:
+        """Yield solves at the full load, each after an update of the contacts, until one would change them no more.
+
+        If a solve fails, half of its update is taken back: slender bodies whose edge of contact lies between nodes have
+        no solution near the state with the whole one.
+
+        The present state is a solution at the full load, which is reached when the contacts have settled.
+
+        Source: Uzawa's method for contact, Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
+        """
+        system = self.equilibrium.system
+        for _ in range(_MOST_UPDATES):
+            system.set_load(1.0)
+            if not system.weak_form.contacts.update():
+                self.reached_load = 1.0
+                return
+            for _ in range(_MOST_HALVINGS + 1):
+                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+                yield replace(solve, strategy=AUGMENTATION)
+                if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
+                    break
+                system.weak_form.contacts.halve_update()
+            if not solve.outcome.accepted:
+                return
+        yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)
+
+    def can_restart_after(self, solve: Solve) -> bool:
+        is_between = self.equilibrium.system.weak_form.contacts.is_iterated and solve.load == 1.0
+        return solve.outcome.accepted and not is_between
+
+    def min_mesh_J(self) -> float:
+        return self.equilibrium.system.min_mesh_J()

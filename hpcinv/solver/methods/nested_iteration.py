@@ -1,0 +1,263 @@
+"""Nested iteration: the first solve of a job begins with the solution on coarser cells of the same generator.
+
+A large slender body that turns far needs several factorizations on the way to its full load. On cells twice as large
+each takes a tenth of the time or less, and from the solution there, at full load, one is left on the given mesh.
+
+Source: Hackbusch, *Multi-Grid Methods and Applications*, 1985, ch. 5, doi:10.1007/978-3-662-02427-0.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
+from hpcinv.job.mesh_generators import resolution_of
+from hpcinv.mesh.coarser import coarser_body
+from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
+from hpcinv.model.assembly.tangent import tangents_for
+from hpcinv.model.outcome import Outcome
+from hpcinv.physics.effects import Direction
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.cost_model import COARSER
+from hpcinv.solver.linear.selection import Used
+from hpcinv.solver.load_stepping import AdaptiveSteps
+from hpcinv.solver.methods import DirectMethod, solve_direction
+from hpcinv.solver.methods.method import NESTED, UNLOADED, Guess, Start
+from hpcinv.solver.newton import Solve
+from hpcinv.solver.observer import IterationObserver, Observer, SolvedDirection
+from hpcinv.solver.workspace import collect_garbage
+
+_MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
+_EFFORT = 40  # factorizations on coarser cells after which a solve there is given up
+
+
+@dataclass(frozen=True)
+class CoarseSolve:
+    """Report of the solve on coarser cells.
+
+    Attributes:
+        cells, unknowns: their numbers; 0 if there is no such mesh.
+        solves: all solves on the way to the full load.
+        unused: reason why the given mesh's solution was not found from it; empty if it was.
+    """
+
+    cells: int = 0
+    unknowns: int = 0
+    solves: tuple[Solve, ...] = ()
+    unused: str = ""
+
+    @property
+    def factorizations(self) -> int:
+        return sum(solve.factorizations for solve in self.solves)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the entry of the summary, as JSON data."""
+        return {
+            "cells": self.cells,
+            "unknowns": self.unknowns,
+            "factorizations": self.factorizations,
+            "newton_iterations": sum(len(solve.iterations) for solve in self.solves),
+            "load": max((solve.load for solve in self.solves if solve.outcome.accepted), default=0.0),
+            "unused": self.unused or None,
+        }
+
+
+def solve_nested(
+    equations: Equations, direction: Direction, observer: Observer, note: Callable[[str], None]
+) -> tuple[SolvedDirection, CoarseSolve | None]:
+    """Solve as `solve_direction` from the unloaded body, or from the solution on coarser cells; collective.
+
+    Without that, or if Newton's method rejects it, the path begins with the unloaded body.
+
+    Args:
+        equations: of the first solve of a job, whose mesh is at its given coordinates.
+        note: called with lines of text on the coarse solve.
+
+    Returns:
+        The report, with one on the coarse solve if there was one.
+    """
+    if _is_interrupted(equations, observer, ()):  # what follows may take as long as the solve
+        return _not_begun(equations, direction), None
+    if not _is_wanted(equations, direction):
+        return solve_direction(equations, direction, UNLOADED, observer), None
+    with tangents_for(sum(equations.body.partition.cells)):  # with the kernels of the given mesh
+        guess, coarse = _coarse_solution(equations, direction, observer, note)
+    collect_garbage(equations.body.mesh.comm)  # before the first factorization on the given mesh
+    if _is_interrupted(equations, observer, coarse.solves):
+        return _not_begun(equations, direction), coarse
+    if coarse.unused:
+        note(f"  not used: {coarse.unused}")
+    solved = solve_direction(equations, direction, Start(guess=guess), observer)
+    first = next((solve for solve in solved.solves if solve.strategy == NESTED), None)
+    if first is not None and not first.outcome.accepted:
+        coarse = replace(coarse, unused=first.outcome.text)
+    return solved, coarse
+
+
+def _not_begun(equations: Equations, direction: Direction) -> SolvedDirection:
+    """Return the report of a solution that a request to stop has ended before it began; collective."""
+    choice = equations.chooser.choose(equations.job.solver)
+    used = Used(choice.configuration, choice.why, None)
+    return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None)
+
+
+def _is_wanted(equations: Equations, direction: Direction) -> bool:
+    job = equations.job
+    if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
+        return False
+    if job.solver.nested_iteration == "on":
+        return True
+    return equations.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(equations)
+
+
+def _has_cell_sizes(equations: Equations) -> bool:
+    """Return whether the generator may make larger cells: not if it has numbers of divisions alone; collective."""
+    job = equations.job
+
+    def read_on_root() -> bool:
+        resolution = resolution_of(job.resolve(job.mesh.file), job.mesh.parameters)
+        return bool(resolution.sizes) or not resolution.divisions
+
+    return on_root(equations.body.mesh.comm, read_on_root)
+
+
+def _coarse_solution(
+    equations: Equations, direction: Direction, observer: Observer, note: Callable[[str], None]
+) -> tuple[Guess | None, CoarseSolve]:
+    """Return the solution on coarser cells as a guess, ``None`` if it cannot be one, and a report; collective."""
+    job, timings = equations.job, equations.timings
+    coarse_solve = CoarseSolve()
+    try:
+        with timings("coarser mesh"):
+            body = coarser_body(
+                equations.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
+            )
+        coarse = Equations(_coarse_job(job), body, timings)
+        coarse_solve = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
+        note(f"on cells {COARSER:g} times as large, {coarse_solve.cells} cells, {coarse_solve.unknowns} unknowns:")
+        method = DirectMethod(coarse, direction, IterationObserver(observer))
+    except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
+        return None, replace(coarse_solve, unused=error.message)
+    try:
+        for solve in _limited(method.solves()):
+            coarse_solve = replace(coarse_solve, solves=(*coarse_solve.solves, solve))
+            note(_line(solve))
+            if _is_interrupted(coarse, observer, (solve,)):
+                return None, replace(coarse_solve, unused=Outcome.INTERRUPTED.text)
+        if method.reached_load < 1.0:
+            return None, replace(
+                coarse_solve, unused=f"the load was not reached there: {coarse_solve.solves[-1].outcome.text}"
+            )
+        sign, fault = _sign(coarse_solve.solves, equations, coarse)
+        if not fault:
+            with timings("transfer"):
+                guess = _transferred(coarse, equations, sign)
+            if guess is not None:
+                return guess, coarse_solve
+            fault = "the given mesh has points that are too far outside the coarser one"
+        return None, replace(coarse_solve, unused=fault)
+    except MeshError as error:  # an obstacle may be elsewhere
+        return None, replace(coarse_solve, unused=error.message)
+    finally:
+        method.equilibrium.destroy()
+        coarse.destroy()
+
+
+def _coarse_job(job: Job) -> Job:
+    """Return the job with a solver that ends soon: the error of coarser cells is larger than its tolerance."""
+    tolerance = max(job.solver.tolerance, AdaptiveSteps.path_tolerance)
+    return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance, "rescue": ()})})
+
+
+def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:
+    """Yield solves until their factorizations are more than a coarse solution is worth (`_EFFORT`)."""
+    spent = 0
+    for solve in solves:
+        yield solve
+        spent += solve.factorizations
+        if spent > _EFFORT:
+            return
+
+
+def _is_interrupted(equations: Equations, observer: Observer, solves: Sequence[Solve]) -> bool:
+    """Return whether a request to stop ended the last solve, or there is one now; collective."""
+    here = observer.stop_asked() or any(solve.outcome is Outcome.INTERRUPTED for solve in solves)
+    return bool(equations.body.mesh.comm.allreduce(here, op=MPI.LOR))
+
+
+def _line(solve: Solve) -> str:
+    reached = "" if solve.outcome.accepted else f" not reached: {solve.outcome.text}"
+    return (
+        f"  load {solve.load:.4g}{reached}: {len(solve.iterations)} iterations, {solve.factorizations} factorizations"
+    )
+
+
+def _sign(solves: Sequence[Solve], equations: Equations, coarse: Equations) -> tuple[int, str]:
+    """Return the sign that the determinant of the tangent has on the given mesh if no limit point is passed there.
+
+    It is 0 where it is not known, neither here nor there; and there is a reason why the solution cannot be used, or
+    none. The last tangent of each solve on coarser cells has the sign of that at its solution.
+    """
+    accepted = [solve.signs for solve in solves if solve.outcome.accepted and solve.signs]
+    if not accepted:
+        may_tell = equations.chooser.choose(equations.job.solver).configuration == "direct"
+        return 0, "no sign of the tangent's determinant is known there" if may_tell else ""
+    unloaded = coarse.unknowns.unloaded_sign
+    if any(signs[-1] != unloaded for signs in accepted) or any(s.limit_point for s in solves):
+        return 0, "the path has a limit point there"
+    return equations.unknowns.unloaded_sign, ""
+
+
+def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | None:
+    """Return the state of ``coarse`` on the finer mesh; ``None`` if that has points far outside; collective."""
+    cells = GatheredCells(coarse.body.mesh, coarse.body.length_scale)
+    farthest = 0.0
+    pairs = zip(equations.state().fields, coarse.state().fields, coarse.unknowns.scalar_elements, strict=False)
+    fields = []
+    for new, old, element in pairs:
+        space, values = new.function_space, cells.values(old)
+        points = space.tabulate_dof_coordinates() * equations.body.length_scale
+        nodal = new.x.array.reshape(len(points), space.dofmap.bs)
+        for dofs, layer_cells in _layers(equations, coarse, cells, space):
+            part = cells if layer_cells is None else cells.part(layer_cells)
+            places = part.find(points[dofs])
+            nodal[dofs] = part.evaluate(places, element, values if layer_cells is None else values[layer_cells])
+            farthest = max(farthest, float(places.distance.max(initial=0.0)))
+        new.x.scatter_forward()  # an extrapolated value may depend on the rank by rounding errors
+        fields.append(new)
+    if equations.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
+        return None
+    equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
+    equations.supports.scale(1.0)
+    state = equations.unknowns.state.x
+    unknown_motions = [(face.dofs, state.array[face.dofs]) for face in equations.supports.remote_faces.values()]
+    equations.supports.impose(state.array)
+    for dofs, values in unknown_motions:
+        state.array[dofs] = values
+    state.scatter_forward()
+    u, p = equations.state().fields
+    equations.unload()
+    return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)
+
+
+def _layers(
+    equations: Equations, coarse: Equations, cells: GatheredCells, space: fem.FunctionSpace
+) -> Iterator[tuple[LocalIndices, npt.NDArray[np.bool_] | None]]:
+    """Yield owned degrees of freedom, and the cells of ``coarse`` in the same layer: ``None`` for all; collective."""
+    owned = space.dofmap.index_map.size_local
+    layers, coarse_layers = equations.unknowns.layers, coarse.unknowns.layers
+    if layers is None or coarse_layers is None or space is not equations.unknowns.pressure_space:
+        yield np.arange(owned, dtype=np.int32), None
+        return
+    given = cells.gathered(coarse_layers)
+    for layer in np.unique(layers):
+        dofs = np.unique(space.dofmap.list[layers == layer])
+        is_in_layer = given == layer
+        yield dofs[dofs < owned], is_in_layer if is_in_layer.any() else None

@@ -1,0 +1,1 @@
+"""Many runs, and what is learnt from them: sweeps, studies, identification, fitting, serving, evidence."""

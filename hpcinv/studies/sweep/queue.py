@@ -1,0 +1,192 @@
+"""Queue of a sweep: a group of ranks takes next the open case that is nearest to its last one, on the same line first.
+
+A line holds cases whose numbers lie on a straight line, such as those along one axis of a grid: one power series serves
+many of them (`hpcinv.studies.sweep.parameter_series`).
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hpcinv.mesh.source import Floats
+from hpcinv.output.run_directory import RunDirectory, as_yaml
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
+from hpcinv.studies.batch.task import BatchTask, Pause
+from hpcinv.studies.sweep.neighbours import ParameterSpace, is_equal
+from hpcinv.studies.sweep.sweep_plan import SweepPlan
+
+LEAST_AHEAD = 8
+"""Open cases on a line from which a power series is worth its solves. Raised, shorter axes take more factorizations."""
+_REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """The farthest open case on a line, and the number of open cases there."""
+
+    content: Mapping[str, Any]
+    numbers: tuple[float, ...]
+    count: int
+
+
+@dataclass(frozen=True)
+class SweepTask(BatchTask):
+    """A case of a sweep.
+
+    Attributes:
+        point: its point in the space of its reuse group.
+        numbers: its numbers, as of `Case`.
+        ahead: the farthest open case on its line; ``None`` if few are open there.
+    """
+
+    reuse_group: str
+    point: Floats
+    directory: RunDirectory
+    numbers: tuple[float, ...]
+    ahead: Ahead | None
+
+
+class Queue:
+    """Queue of the open cases of a sweep; on the first rank of a group.
+
+    Within a reuse group the nearest open case is next, so that the solutions of its neighbours give good guesses and
+    models are seldom rebuilt. Groups of ranks begin at different positions of the list, and share only the ledger.
+
+    Args:
+        begin: share of the list of cases at which this group begins, from 0 to 1.
+        patience: seconds to wait for cases that others hold, after which dead holders are known.
+    """
+
+    def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
+        self.plan, self.ledger, self.patience = plan, ledger, patience
+        distinct = {case.key: case for case in plan.cases}
+        self._cases = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
+        self._reuse_groups = np.array([case.reuse_group for case in self._cases])
+        self._members: dict[str, tuple[np.ndarray, Floats]] = {}  # of each reuse group, and their points
+        self._line = np.zeros(len(self._cases), dtype=bool)  # the cases of the present line
+        for reuse_group in dict.fromkeys(case.reuse_group for case in self._cases):
+            members = np.flatnonzero(self._reuse_groups == reuse_group)
+            numbers = [self._cases[i].numbers for i in members]
+            self._members[reuse_group] = members, np.stack([*map(ParameterSpace(numbers).point, numbers)])
+        self._deadline: float | None = None  # of a wait for cases that others hold
+        self._last = min(int(begin * len(self._cases)), len(self._cases) - 1)
+        self._read_states()
+
+    def next(self) -> SweepTask | Pause | None:
+        """Claim a case; ``None`` if all are finished or held by living processes."""
+        while self._open.any():
+            if claim := self._claim():
+                self._deadline = None
+                return self._task(claim)
+            self._read_states()
+            if any(state.name == "open" for state in self._states):
+                continue
+            now = time.monotonic()
+            if self._deadline is None:
+                self._deadline = now + self.patience
+            is_doubtful = any(state.name == "running" and not state.living for state in self._states)
+            return Pause.WAIT if is_doubtful and now <= self._deadline else None
+        return None
+
+    def report(self, task: SweepTask, record: CaseRecord) -> str:
+        line = f"{task.title}: "
+        if not record.converged:
+            return line + record.status
+        line += f"{record.seconds:.2f} s, certificate {record.verdict}" + _start_text(record)
+        warnings = (record.statistics.get("body") or {"warnings": []})["warnings"]
+        return "; ".join([line, *(f"warning: {text}" for text in warnings)])
+
+    def _task(self, claim: Claim) -> SweepTask:
+        case = self._cases[self._last]
+        directory = RunDirectory(claim.run, as_yaml(self.plan.content(case)), claimed=True)
+        point, ahead = self._last_point(), self._ahead()
+        return SweepTask(
+            case.title, self.plan.job(case), claim, case.reuse_group, point, directory, case.numbers, ahead
+        )
+
+    def _ahead(self) -> Ahead | None:
+        """Return the farthest open case on the line of the last one, which is the present line from now on."""
+        if not (self._line[self._last] and (self._line & self._open).any()):
+            self._line = self._best_line()
+        left = np.flatnonzero(self._line & self._open)
+        if len(left) < LEAST_AHEAD:
+            return None
+        members, points = self._members[self._cases[self._last].reuse_group]
+        places = np.searchsorted(members, left)
+        distances = np.linalg.norm(points[places] - self._last_point(), axis=1)
+        case = self._cases[left[np.argmax(distances)]]
+        return Ahead(self.plan.content(case), case.numbers, len(left))
+
+    def _best_line(self) -> np.ndarray:
+        """Return the cases on that line through the last one on which most cases are open."""
+        line = np.zeros(len(self._cases), dtype=bool)
+        case = self._cases[self._last]
+        members, _ = self._members[case.reuse_group]
+        members = members[self._open[members]]
+        if len(members) < LEAST_AHEAD:
+            return line
+        here = np.array(case.numbers)
+        numbers = np.array([self._cases[i].numbers for i in members]).reshape(len(members), len(here))
+        ways = np.where(is_equal(numbers, here), 0.0, numbers - here)
+        ways = ways[:, ways.any(axis=0)]
+        ways /= np.abs(ways).max(axis=0, initial=0.0)
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        # The largest component is positive, of two almost equal ones the first.
+        leading = (np.abs(ways) > 0.999 * np.abs(ways).max(axis=1, keepdims=True)).argmax(axis=1)
+        ways *= np.sign(np.take_along_axis(ways, leading[:, None], axis=1))
+        _, directions, counts = np.unique(np.round(ways, 9) + 0.0, axis=0, return_inverse=True, return_counts=True)
+        line[members[directions.reshape(-1) == counts.argmax()]] = True
+        line[self._last] = True
+        return line
+
+    def _last_point(self) -> Floats:
+        members, points = self._members[self._cases[self._last].reuse_group]
+        point: Floats = points[np.searchsorted(members, self._last)]
+        return point
+
+    def _claim(self) -> Claim | None:
+        """Claim a case, the last one from now on, in one pass over those that seem to be open; ``None`` if all fail."""
+        tried, refusals = ~self._open, 0
+        while not tried.all():
+            # Cases with which processes died come last, so that the others are solved first.
+            left = ~tried
+            number = self._nearest(left & (self._deaths == self._deaths[left].min()))
+            claim = self.ledger.claim(self._cases[number].key)
+            if claim is not None:
+                self._open[number], self._last = False, number
+                return claim
+            tried[number] = True
+            refusals += 1
+            if refusals % _REFUSALS == 0:
+                self._read_states()
+                tried |= ~self._open
+        return None
+
+    def _nearest(self, eligible: np.ndarray) -> int:
+        """Return the nearest case on the present line, else of its reuse group, else the first of the largest group."""
+        if eligible[self._last]:
+            return self._last
+        members, points = self._members[self._cases[self._last].reuse_group]
+        if (eligible & self._line).any():
+            eligible = eligible & self._line
+        if eligible[members].any():
+            distances = np.linalg.norm(points - self._last_point(), axis=1)
+            return int(members[np.argmin(np.where(eligible[members], distances, np.inf))])
+        names, counts = np.unique(self._reuse_groups[eligible], return_counts=True)
+        return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
+
+    def _read_states(self) -> None:
+        states = self.ledger.states([case.key for case in self._cases])
+        self._states = [states[case.key] for case in self._cases]
+        self._open = np.array([state.name != "finished" for state in self._states])
+        self._deaths = np.array([state.died for state in self._states])
+
+
+def _start_text(record: CaseRecord) -> str:
+    """Return what a line on a case says about its start, and about a series that was made of it."""
+    start = "" if not record.start else f", from a {'power series' if record.by_series else 'guess'}"
+    return f"{start}; {record.remark}" if record.remark else start

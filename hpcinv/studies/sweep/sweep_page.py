@@ -1,0 +1,123 @@
+"""Report of a sweep, from its store."""
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+from hpcinv.pages.pictures.boundary_surface import NAME, Boundary, read_boundary
+from hpcinv.pages.reports.cases_page import cases_page, outcome_of
+from hpcinv.pages.reports.packed_arrays import PackedArrays
+from hpcinv.pages.reports.page import NAME as PAGE
+from hpcinv.pages.reports.page import write_page
+from hpcinv.pages.reports.run_page import write_run_report
+from hpcinv.pages.reports.shapes import mean_and_cases, pictures
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.sweep.results import results
+from hpcinv.studies.sweep.shape_spread import kept_file
+from hpcinv.studies.sweep.sweep_plan import SweepPlan
+from hpcinv.studies.sweep.table import columns, parameter_names, quantity_columns, units
+
+_MOST = 400  # shapes that are read
+_LAST = ("key", "started_from")  # columns that few readers need
+
+
+def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: bool = False) -> Path:
+    """Write the report of a sweep, finished or not; return the file.
+
+    Args:
+        each: write a report of each finished case next to it, in ``cases/``.
+
+    Raises:
+        OutputError: a file cannot be written or read.
+    """
+    records = results(plan, ledger)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shapes = _shapes(plan, ledger, records)
+    links = _links(plan, ledger, records, path, each=each)
+    arrays, body, note, gallery = PackedArrays(), None, "", list[tuple[str, bytes]]()
+    if shapes:
+        named = list(shapes.values())
+        record = ledger.record(next(iter(shapes)))
+        if record is not None:
+            body, note = mean_and_cases(record.statistics, named, arrays)
+        gallery = pictures(named)
+    else:
+        note = "The cases have kept no shapes; 'set: {output.surface: true}' in another store keeps their boundaries."
+    table = columns(plan, records)
+    page = cases_page(
+        title=plan.sweep.sweep,
+        finding=_found(plan, records),
+        notes=[*_notes(plan, records), note],
+        columns={name: table[name] for name in sorted(table, key=lambda name: name in _LAST)},
+        units=units(plan, records),
+        parameters=parameter_names(plan),
+        results=quantity_columns(plan, records),
+        outcome=[_outcome(records.get(case.key)) for case in plan.cases],
+        links=links,
+        body=body,
+        arrays=arrays.texts(),
+        gallery=gallery,
+        gallery_note=f"{len(gallery)} of {len(shapes)} shapes that were found, coloured by displacement, on one scale.",
+    )
+    write_page(path, page)
+    return path
+
+
+def _outcome(record: CaseRecord | None) -> str:
+    return "open" if record is None else outcome_of(converged=record.converged, verdict=record.verdict)
+
+
+def _found(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> str:
+    outcome = Counter(_outcome(records.get(case.key)) for case in plan.cases)
+    parts = [f"{outcome['good']} of {len(plan.cases)} cases are solved without doubt"]
+    if outcome["doubtful"]:
+        parts.append(f"{outcome['doubtful']} with warnings or checks without decision")
+    if outcome["bad"]:
+        parts.append(f"{outcome['bad']} failed")
+    if outcome["open"]:
+        parts.append(f"{outcome['open']} are open")
+    return ", ".join(parts) + "."
+
+
+def _notes(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> list[str]:
+    """Return the reasons why cases failed, the most frequent first."""
+    failed = [record for case in plan.cases if (record := records.get(case.key)) and not record.converged]
+    why = Counter(record.diagnosis for record in failed)
+    advice = {record.diagnosis: record.advice for record in failed}
+    return [f"{count} failed: {text}. {advice[text]}".strip() for text, count in why.most_common(5)]
+
+
+def _shapes(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, Boundary]]:
+    """Titles and boundaries of cases that have kept one, by key."""
+    shapes = dict[str, tuple[str, Boundary]]()
+    for case in plan.cases:
+        record = records.get(case.key)
+        if record is None or not record.converged or case.key in shapes or len(shapes) >= _MOST:
+            continue
+        file = kept_file(ledger.directory(case.key), NAME)
+        if file is not None:
+            shapes[case.key] = (case.title, read_boundary(file))
+    return shapes
+
+
+def _links(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord], path: Path, *, each: bool) -> list[str]:
+    """Addresses of the reports of cases, relative to the page; empty where there is none."""
+    links = []
+    for case in plan.cases:
+        report = kept_file(ledger.directory(case.key), PAGE)
+        if report is None and each and case.key in records:
+            report = _case_report(ledger, case.key, path.parent / "cases" / f"case-{case.number}.html")
+        links.append("" if report is None else Path(os.path.relpath(report, path.parent)).as_posix())
+    return links
+
+
+def _case_report(ledger: Ledger, key: str, path: Path) -> Path | None:
+    record = ledger.record(key)
+    if record is None or not record.statistics:
+        return None
+    path.parent.mkdir(exist_ok=True)
+    surface = kept_file(ledger.directory(key), NAME)
+    directory = ledger.directory(key) if surface is None else surface.parent
+    return write_run_report(directory, record.statistics, path)

@@ -1,0 +1,132 @@
+"""Errors of a shell's quantities that its one layer leaves, which halved cells do not show.
+
+Stresses miss what the faces lack of the tractions of the loads (`hpcinv.trust.certificate.face_tractions`). At a clamp the
+layer is too stiff: a displacement at a distance d from it misses a share of ``t/d``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from hpcinv.base.parallel.runtime import on_root
+from hpcinv.job.sections import LENGTH, STRESS, QuantityOfInterest, QuantityValue
+from hpcinv.mesh import Body
+from hpcinv.mesh.body import source_node_values
+from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.results.quantities_of_interest import owned_nodes
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.face_tractions import FaceTractions, face_tractions
+
+CLAMPED = 0.05
+"""Error of a displacement, relative to its size, by ``t/d``; raised, bars of clamped shells are longer."""
+
+
+@dataclass(frozen=True)
+class LayerError:
+    """Error (SI) that the layer may leave in a quantity, 0 where it is not known, and its cause."""
+
+    size: float
+    cause: str
+
+
+def layer_errors(
+    equations: Equations,
+    solution: Solution,
+    quantities: Sequence[QuantityOfInterest],
+    computed: Mapping[str, QuantityValue],
+) -> dict[str, LayerError]:
+    """Return the errors of those quantities of a shell that have one; collective.
+
+    Args:
+        computed: values of the quantities.
+    """
+    placed = [q for q in quantities if q.name in computed and (q.on is not None or q.at is not None)]
+    stresses = [q for q in placed if q.dimension == STRESS]
+    lengths = [q for q in placed if q.dimension == LENGTH]
+    return _of_stresses(equations, solution, stresses) | _of_displacements(equations.body, solution, lengths)
+
+
+def _of_stresses(
+    equations: Equations, solution: Solution, quantities: Sequence[QuantityOfInterest]
+) -> dict[str, LayerError]:
+    """Return the errors of stresses; of unknown size where tractions of the loads are not known; collective."""
+    if not quantities:
+        return {}
+    if (tractions := face_tractions(equations, solution)) is None:
+        return {q.name: LayerError(0.0, "of unknown size: growth, active stress or prestrain") for q in quantities}
+    body, errors = equations.body, {}
+    nodes = source_node_values(body, solution.mesh_nodes)
+    for quantity in quantities:
+        places = _places(body, nodes, quantity)
+        missing = on_root(body.mesh.comm, partial(_missing, tractions, places))
+        size = float(missing.mean() if quantity.reduce in ("mean", "rms") else missing.max())
+        errors[quantity.name] = LayerError(size, "by the tractions on its faces")
+    return errors
+
+
+def _missing(tractions: FaceTractions, places: Floats) -> Floats:
+    """Return what the stress lacks at the nodes of each face that are next to some places, (2, n) Pa."""
+    faces = zip(tractions.points, tractions.missing, strict=True)
+    return np.stack([missing[_nearest(points, places)[1]] for points, missing in faces])
+
+
+def _of_displacements(
+    body: Body, solution: Solution, quantities: Sequence[QuantityOfInterest]
+) -> dict[str, LayerError]:
+    """Return the errors of displacements and positions; none without a clamp; collective."""
+    nodes = source_node_values(body, solution.mesh_nodes)
+    clamped = [s.region for s in solution.job.supports if len(s.held) == 3 and not s.hinge]
+    clamps = _gathered(body, [nodes[owned_nodes(body, name)] for name in clamped])
+    if not len(clamps):
+        return {}
+    moved, errors = np.linalg.norm(source_node_values(body, solution.u), axis=1), {}
+    for quantity in quantities:
+        places = _places(body, nodes, quantity)
+        share = on_root(body.mesh.comm, partial(_clamp_share, body.source, places, clamps))
+        size = CLAMPED * share * _largest_there(body, nodes, moved, quantity)
+        errors[quantity.name] = LayerError(size, f"clamped at t/d = {share:.2g}")
+    return errors
+
+
+def _gathered(body: Body, parts: Sequence[Floats]) -> Floats:
+    """Return points of all ranks, the same on each; collective."""
+    return np.concatenate([p for rank in body.mesh.comm.allgather(list(parts)) for p in rank] or [np.zeros((0, 3))])
+
+
+def _places(body: Body, nodes: Floats, quantity: QuantityOfInterest) -> Floats:
+    """Return points (m) of a quantity in the given body: its point, or the nodes of its region; collective."""
+    if quantity.on is None:
+        return np.array([quantity.at])
+    return _gathered(body, [nodes[owned_nodes(body, quantity.on)]])
+
+
+def _largest_there(body: Body, nodes: Floats, moved: Floats, quantity: QuantityOfInterest) -> float:
+    """Return the largest displacement (m) at the nodes of a region, or at the node next to a point; collective."""
+    if quantity.on is not None:
+        largest = float(moved[owned_nodes(body, quantity.on)].max(initial=0.0))
+        return float(max(body.mesh.comm.allgather(largest)))
+    distances = np.linalg.norm(nodes - np.array(quantity.at), axis=1)
+    best = (float(distances.min()), float(moved[distances.argmin()])) if len(nodes) else (np.inf, 0.0)
+    return float(min(body.mesh.comm.allgather(best))[1])
+
+
+def _clamp_share(source: MeshSource, places: Floats, clamps: Floats) -> float:
+    """Return the largest thickness over the mean distance of some places from the nodes of clamps, at most 1."""
+    assert source.midsurface is not None
+    levels = source.points.reshape(-1, len(source.midsurface.points), 3)
+    thickness = float(np.linalg.norm(levels[-1] - levels[0], axis=1).max(initial=0.0))
+    distance = float(_nearest(clamps, places)[0].mean())
+    return min(thickness / distance, 1.0) if distance > 0 else 1.0
+
+
+def _nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
+    """Return distances (n,) of places from their nearest points, and these points' numbers."""
+    from scipy.spatial import cKDTree  # few runs need it, and it takes long to import
+
+    distances, numbers = cKDTree(points).query(places)
+    return np.asarray(distances), np.asarray(numbers)

@@ -1,0 +1,356 @@
+"""Sensitivities of a solution: one linear solve with its tangent for each parameter.
+
+The solution of ``R(x; θ) = 0`` follows a parameter as ``K dx/dθ = -∂R/∂θ``, with the tangent ``K = ∂R/∂x`` at the
+solution: exact derivatives of the discrete solution. Unknowns that supports prescribe follow their formulas. In an
+inverse analysis, where ``X = x - u`` and x is given, ``dX/dθ = -du/dθ``. Unknown pressures of cavities and motions
+under remote loads follow with x from their equations (`hpcinv.trust.sensitivity.followed_numbers`).
+
+A further state is solved on the reference shape X, which follows the parameters of the given state; what is given on
+the current body follows the displacement u₀ there: ``K dx/dθ = -∂R/∂θ - ∂R/∂X dX/dθ - ∂R/∂u₀ du₀/dθ``. The last two
+are central differences of the residual of fourth order.
+
+To first order, what is made of independent parameters with standard deviations σ has ``sd² = Σ (dQ/dθ σ)²``.
+
+Source: Tortorelli & Michaleris, "Design sensitivity analysis: overview and review" (1994),
+doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncertainty in measurement*, 5.1.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
+from hpcinv.job.sections import QuantityOfInterest, QuantityValue, Support
+from hpcinv.job.sensitivities import Parameter, tied_parameters
+from hpcinv.job.state_differences import with_differences
+from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
+from hpcinv.model.parameters import ParameterDirection
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
+from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
+from hpcinv.trust.sensitivity.moving_nodes import node_rates
+from hpcinv.trust.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of one solution by parameters (SI), and standard deviations to first order.
+
+    Attributes:
+        slopes: of each quantity of interest but reactions by parameter, a list of 3 for a vector.
+        displacement: of ``u = x - X``, by parameter.
+        nodes: of the body that was looked for, at the local geometry nodes, (n, 3), by parameter.
+        shape: largest length of those over all nodes.
+        deviations: of each quantity, ``None`` if no parameter has one.
+        deviation: of the shape, at the node where it is largest: ``√(Σ |dX/dθ|² σ²)`` in m, ``None`` likewise.
+        deviation_at: position (m) of that node in the body on whose mesh was solved.
+        shapes: the same of each solve by itself, by the state whose shape it computes; the other attributes but
+            ``slopes`` and ``deviations`` are then the first solve's.
+    """
+
+    parameters: Sequence[Parameter]
+    slopes: Mapping[str, Mapping[str, QuantityValue]]
+    displacement: Mapping[str, fem.Function]
+    nodes: Mapping[str, Floats]
+    shape: Mapping[str, float]
+    deviations: Mapping[str, QuantityValue | None]
+    deviation: float | None
+    deviation_at: list[float] | None
+    shapes: Mapping[str, Sensitivities] = field(default_factory=dict)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return JSON data, without the fields."""
+        return {
+            "parameters": {p.key: {"value": p.value, "sd": p.deviation} | p.tied_keys for p in self.parameters},
+            "quantities": {
+                name: {"slopes": dict(key_slopes), "sd": self.deviations[name]}
+                for name, key_slopes in self.slopes.items()
+            },
+            "shape": self._shape(),
+        } | (
+            {"shapes": {name: sensitivities._shape() for name, sensitivities in self.shapes.items()}}
+            if self.shapes
+            else {}
+        )
+
+    def _shape(self) -> dict[str, Any]:
+        return {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at}
+
+    def fields(self) -> list[fem.Function]:
+        """Return fields for ParaView: ``d displacement/d KEY`` and, if known, the standard deviation ``sd`` in m."""
+        functions = []
+        for key, function in self.displacement.items():
+            named = function.copy()
+            named.name = f"d displacement/d {key}"
+            functions.append(named)
+        if self.deviation is not None:
+            functions.append(self.deviation_field("sd"))
+        return functions
+
+    def deviation_field(self, name: str) -> fem.Function:
+        """Return the standard deviation of the displacement in m."""
+        space = next(iter(self.displacement.values())).function_space
+        scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
+        field = fem.Function(scalar, name=name)
+        vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
+        field.x.array[:] = _deviations(self.parameters, vectors)
+        return field
+
+
+def sensitivities(
+    equations: Equations,
+    solution: Solution,
+    parameters: Sequence[Parameter],
+    first: tuple[Solution, Sensitivities] | None = None,
+    mesh: Mapping[str, Floats] = MappingProxyType({}),
+) -> Sensitivities:
+    """Differentiate a solution at full load by parameters of the job; collective.
+
+    Args:
+        first: for a further state, solution and derivatives of the given state, which determines the reference shape.
+        mesh: for the first solve, derivatives (n, 3) of its local geometry nodes by those parameters that move these.
+
+    Raises:
+        SolveError: on all ranks, if the tangent at the solution is singular.
+    """
+    body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
+    equations.put(solution.moved_to(body.given_nodes))
+    with equations.timings("sensitivities"):
+        if first:
+            references = {p.key: _reference(equations, p, *first) for p in numbers}
+        else:
+            references = {
+                key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
+            }
+            values = {p.key: p.value for p in numbers}
+            for key, moved in node_rates(body, numbers).items():
+                references[key] = ReferenceChange(moved, None, values[key])
+        prescribed = {
+            p.key: _prescribed(equations, p)
+            for p in numbers
+            if isinstance(p.owner, Support) and p.owner.remote is None and p.where in equations.job.owners
+        }
+        equations.put(solution)
+        changes = _changes(equations, solution, numbers, references, prescribed)
+        quantity_slopes = {
+            name: _summed(parameters, key_slopes)
+            for name, key_slopes in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
+        }
+    nodes = {p.key: _moved_nodes(p, changes, references, solution.sign) for p in parameters}
+    comm = body.mesh.comm
+    lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
+    deviation, point = None, None
+    if any(p.deviation is not None for p in parameters):
+        deviation, point = _largest(comm, _deviations(parameters, nodes), solution.mesh_nodes)
+    return Sensitivities(
+        parameters=parameters,
+        slopes=quantity_slopes,
+        displacement={p.key: _displacement(p, changes) for p in parameters},
+        nodes=nodes,
+        shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
+        deviations={name: _deviation(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
+        deviation=deviation,
+        deviation_at=point,
+    )
+
+
+def joined_sensitivities(
+    shapes: Mapping[str, Sensitivities], quantities: Iterable[QuantityOfInterest]
+) -> Sensitivities | None:
+    """Join what was found with each computed shape, by its name, or with the one shape of a job without states.
+
+    Args:
+        quantities: all quantities of interest, in order.
+    """
+    first, *more = shapes.values() or [None]
+    if first is None or not more:
+        return first
+    slopes = {name: key_slopes for owner in shapes.values() for name, key_slopes in owner.slopes.items()}
+    slopes = with_differences(quantities, slopes)
+    deviations = {name: _deviation(first.parameters, key_slopes) for name, key_slopes in slopes.items()}
+    return replace(first, slopes=slopes, deviations=deviations, shapes=shapes)
+
+
+def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> dict[str, QuantityValue]:
+    """Add to the slope by each parameter those by its ties."""
+    return {
+        p.key: sum(number.ratio * np.array(key_slopes[number.key]) for number in (p, *p.ties)).tolist()  # type: ignore[union-attr]
+        for p in parameters
+    }
+
+
+def _moved_nodes(
+    parameter: Parameter, changes: Mapping[str, Change], references: Mapping[str, ReferenceChange], sign: float
+) -> Floats:
+    """Return the derivative (n, 3) of the nodes of the computed body by a parameter and its ties."""
+    numbers = (parameter, *parameter.ties)
+    moved = np.asarray(sign * sum(number.ratio * changes[number.key].u for number in numbers))
+    for number in numbers:
+        if number.key in references:
+            moved += number.ratio * references[number.key].nodes
+    return moved
+
+
+def _displacement(parameter: Parameter, changes: Mapping[str, Change]) -> fem.Function:
+    first = changes[parameter.key].displacement
+    if not parameter.ties:
+        return first
+    whole = first.copy()
+    for tie in parameter.ties:
+        whole.x.array[:] += tie.ratio * changes[tie.key].displacement.x.array
+    return whole
+
+
+def _cell_limit(equations: Equations, moved: Floats) -> float:
+    """Change of a parameter by which a node would move by the smallest cell's size, collective."""
+    mesh = equations.body.mesh
+    sizes = mesh.h(3, np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32))
+    smallest = mesh.comm.allreduce(float(sizes.min(initial=math.inf)), op=MPI.MIN) * equations.body.length_scale
+    largest = mesh.comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
+    return smallest / largest if largest else math.inf
+
+
+def _prescribed(equations: Equations, parameter: Parameter) -> list[Floats]:
+    """Rates of the prescribed displacements, whose formulas are of positions in the given mesh."""
+    owner = parameter.owner
+    assert isinstance(owner, Support)
+    number = equations.job.supports.index(owner)
+    replaced, direction = partial(owner.number_replaced, parameter.place), equations.job.directions[0]
+    return equations.supports.rates(number, replaced, parameter.value, direction)
+
+
+def _reference(
+    equations: Equations, parameter: Parameter, solution: Solution, derivatives: Sensitivities
+) -> ReferenceChange:
+    """Derivatives of what a further state takes from the given one, whose solution and derivatives are known."""
+    key = parameter.key
+    if key not in derivatives.nodes:  # a tie, whose effect is part of its parameter's
+        nothing = fem.Function(solution.displacement.function_space)
+        return ReferenceChange(np.zeros_like(solution.mesh_nodes), nothing, math.inf)
+    displacement, nodes = derivatives.displacement[key], derivatives.nodes[key]
+    return ReferenceChange(nodes, displacement, change_limit(equations, solution, displacement))
+
+
+def _changes(
+    equations: Equations,
+    solution: Solution,
+    parameters: Sequence[Parameter],
+    references: Mapping[str, ReferenceChange],
+    prescribed: Mapping[str, Sequence[Floats]],
+) -> dict[str, Change]:
+    """Return derivatives of the solution and of the parameters of the weak form, by the key of the job's parameter."""
+    weak_form = equations.weak_form(solution.direction)
+    equilibrium = equations.equilibrium(weak_form)
+    system = equilibrium.system
+    system.set_load(1.0)
+    numbers = FollowedNumbers(equations, solution, equilibrium)
+    position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
+    changes: dict[str, Change] = {}
+    for parameter in parameters:
+        direction, by_parameter = _explicit(equations, system, numbers, parameter, prescribed, b)
+        if (reference := references.get(parameter.key)) is not None:
+            x.array[:], by_mesh = _rates_with_mesh(equations, system, numbers, solution, reference)
+            equations.supports.free(x.array)
+            b.axpy(-1.0, x)
+            by_parameter = by_parameter + by_mesh
+        pressures = numbers.solve(b, by_parameter, x)
+        system.set_state(x)
+        u, p = equations.state().fields
+        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference, pressures)
+        system.set_state(position)
+    numbers.destroy()
+    for vector in (position, b, x):
+        vector.destroy()
+    equations.release(equilibrium)
+    return changes
+
+
+def _explicit(
+    equations: Equations,
+    system: System,
+    numbers: FollowedNumbers,
+    parameter: Parameter,
+    prescribed: Mapping[str, Sequence[Floats]],
+    b: PETSc.Vec,
+) -> tuple[ParameterDirection, Floats]:
+    """Set ``b`` to the right-hand side for a parameter.
+
+    Returns:
+        Direction in which it moves the parameters, and derivatives of the equations of the unknown numbers by it.
+    """
+    owner, place, job, weak_form = parameter.owner, parameter.place, equations.job, system.weak_form
+    unchanged = weak_form.parameters.direction({})
+    b.set(0.0)
+    if parameter.key in prescribed:
+        equations.supports.prescribe(prescribed[parameter.key])
+        system.lift(b)
+        equations.supports.scale(1.0)
+        return unchanged, numbers.rates(parameter)
+    if not isinstance(owner, Ingredient) or parameter.where not in job.owners:  # or of another state
+        return unchanged, numbers.rates(parameter)
+    with equations.timings("compile"):
+        derivative = weak_form.parameter_derivative
+    local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
+    direction = weak_form.parameters.direction({local: owner.rates(place)})
+    with equations.timings("residual"):
+        derivative.assemble(direction, b)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        by_parameter = numbers.force_rates(b.array)
+        equations.supports.free(b.array)
+        b.scale(-1.0)
+    return direction, by_parameter
+
+
+def _rates_with_mesh(
+    equations: Equations, system: System, numbers: FollowedNumbers, solution: Solution, reference: ReferenceChange
+) -> tuple[Floats, Floats]:
+    """Return changes with the reference shape, per unit of the parameter.
+
+    These are changes of the nodal forces (scaled) of the owned unknowns, and of the equations of the unknown numbers.
+    """
+    if not math.isfinite(reference.limit):
+        return np.zeros(system.rhs.local_size), np.zeros(numbers.count)
+    step = reference.limit * (STEP * SHORT if has_kinks(equations.job) else STEP)
+
+    def values(number: int) -> Floats:
+        equations.put(reference.moved(solution, number * step))
+        return np.concatenate([system.forces(1.0), numbers.equations()])
+
+    rates = np.asarray(central_difference(map(values, POINTS), step))
+    equations.put(solution)
+    forces, by_mesh = np.split(rates, [len(rates) - numbers.count])
+    return forces, by_mesh
+
+
+def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:
+    """Return standard deviations (n,) of the lengths of vectors (n, 3) with these derivatives."""
+    squares = [(vectors[p.key] ** 2).sum(axis=1) * p.deviation**2 for p in parameters if p.deviation is not None]
+    return np.asarray(np.sqrt(sum(squares)))
+
+
+def _deviation(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> QuantityValue | None:
+    parts = [np.array(key_slopes[p.key]) * p.deviation for p in parameters if p.deviation is not None]
+    if not parts:
+        return None
+    deviation: QuantityValue = np.linalg.norm(parts, axis=0).tolist()
+    return deviation
+
+
+def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:
+    """Return the largest value over all ranks, and its point (m)."""
+    here = int(values.argmax()) if len(values) else None
+    mine = None if here is None else (float(values[here]), [float(c) for c in points[here]])
+    everywhere: list[tuple[float, list[float]] | None] = comm.allgather(mine)
+    return max(entry for entry in everywhere if entry is not None)
