@@ -308,7 +308,7 @@ class Copy:
 
 def folder_of(fault: Fault) -> str:
     """Return the package of a fault, such as ``hpcinv/physics/materials``."""
-    return "/".join(fault.path.parts[:2])
+    return str(fault.path.parent)
 
 
 def table(results: Iterable[tuple[Fault, str]]) -> Iterator[str]:

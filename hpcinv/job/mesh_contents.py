@@ -1,7 +1,7 @@
 """What is in a job's mesh, image and surface files, for ``hpcinv validate``: without DOLFINx, NumPy and VTK here.
 
-Files are read as for a run, by ``hpcinv.base.reading.isolated_reader`` in a process of its own. A fault is certain: a run
-would stop at it. A larger file is left to the run.
+Files are read as for a run, by ``hpcinv.base.reading.isolated_reader`` in a process of its own. A fault is certain: a
+run would stop at it. A larger file is left to the run.
 """
 
 import json

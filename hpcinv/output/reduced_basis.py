@@ -1,8 +1,8 @@
 """Initial guesses by a reduced basis of the solutions of a sweep, and a regression of their coefficients.
 
 The solutions of the cases are combinations of few modes (proper orthogonal decomposition). At the numbers of a new job,
-the coefficients of the modes are interpolated (`hpcinv.solver.methods.radial_basis`). Newton's method corrects the prediction
-to its own tolerance, so a poor one costs time, not accuracy.
+the coefficients of the modes are interpolated (`hpcinv.solver.methods.radial_basis`). Newton's method corrects the
+prediction to its own tolerance, so a poor one costs time, not accuracy.
 
 A directory has ``start.json`` (points and coefficients of the cases) and ``modes.bp`` (ADIOS2, in the cell order of the
 mesh's source, so that the number of ranks does not matter).

@@ -1,8 +1,8 @@
 """Every law, effect and configuration of fibres has moduli, which make up the tangent of a large mesh.
 
-Large meshes take another path than small ones (`hpcinv.model.assembly.tangent`); here small ones take both. Residual and
-tangent must agree with the forms that FFCx compiles. All laws are in one weak form, each in a slab of a bar, and all
-effects in another one.
+Large meshes take another path than small ones (`hpcinv.model.assembly.tangent`); here small ones take both. Residual
+and tangent must agree with the forms that FFCx compiles. All laws are in one weak form, each in a slab of a bar, and
+all effects in another one.
 """
 
 from __future__ import annotations

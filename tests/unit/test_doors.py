@@ -1,4 +1,4 @@
-"""Every file of a user is opened through one door, `hpcinv.base.reading.door`: the code is walked for other openings."""
+"""Files of users are opened through one door, `hpcinv.base.reading.door`: the code is walked for other openings."""
 
 import ast
 import hashlib

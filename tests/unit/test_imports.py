@@ -13,8 +13,8 @@ import pytest
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
-MODULES = "hpcinv.job.job, hpcinv.physics.materials, hpcinv.physics.effects, hpcinv.studies.study.study_plan, hpcinv.studies.sweep.sweep_plan"
-MODULES += ", hpcinv.studies.batch.ledger.ledger"
+MODULES = "hpcinv.job.job, hpcinv.physics.materials, hpcinv.physics.effects, hpcinv.studies.study.study_plan"
+MODULES += ", hpcinv.studies.sweep.sweep_plan, hpcinv.studies.batch.ledger.ledger"
 HEAVY = {
     "dolfinx",
     "dolfinx_solver",

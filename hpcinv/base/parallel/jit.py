@@ -1,4 +1,4 @@
-"""The cache of programs and kernels, and compilation of the kernels that programs do not have (`hpcinv.physics.points`).
+"""The cache of programs (`hpcinv.physics.points`) and kernels, and compilation of kernels that programs do not have.
 
 The file name of a kernel is a hash of its form, of version and options of FFCx, of compiler flags, and of the Python
 version, so that a directory of kernels can be shared by any jobs, users and machines. HPCINV_KERNELS names the
@@ -9,8 +9,8 @@ This module replaces three functions of FFCx, once: for the search, the compilat
 DOLFINx's function that calls them on all ranks; and Basix's cell of an element, which it makes anew each time. FFCx's
 own compile in place, and mark a kernel under compilation by the file ``NAME.c`` without ``NAME.c.cached``: if the
 process is killed, all others wait for this kernel until they time out. The functions here (with
-`hpcinv.base.parallel.kernel_files`) have no such state. Kernels are code: files that another user could have written are not
-loaded.
+`hpcinv.base.parallel.kernel_files`) have no such state. Kernels are code: files that another user could have written
+are not loaded.
 
 They are replaced in the releases `KNOWN` only. Others keep their own functions, and one line on stderr says so: kernels
 then compile as DOLFINx does it, a shared directory that is read-only is not used, and forms are derived in each run.

@@ -1,8 +1,8 @@
 """Long calls of PETSc that release the interpreter lock of Python, which petsc4py keeps.
 
-Meanwhile the thread of `hpcinv.base.parallel.signals` can end a process that is asked to stop. Functions in Python take the
-lock themselves where PETSc calls them. Cyclic garbage is not collected: another thread that collected it would destroy
-objects of PETSc and communicators of MPI, neither of which allow two threads at a time.
+Meanwhile the thread of `hpcinv.base.parallel.signals` can end a process that is asked to stop. Functions in Python take
+the lock themselves where PETSc calls them. Cyclic garbage is not collected: another thread that collected it would
+destroy objects of PETSc and communicators of MPI, neither of which allow two threads at a time.
 """
 
 import ctypes

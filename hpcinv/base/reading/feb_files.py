@@ -25,7 +25,7 @@ _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with the
 
 
 def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return arrays of nodes, elements and sets as `hpcinv.base.reading.inp_files` does; surfaces are ``facets:NAME``."""
+    """Return arrays of nodes, elements and sets as `inp_files` does; surfaces are ``facets:NAME``."""
     root, mesh = _model(path)
     nodes, sets = _nodes(mesh)
     cells, cell_tags, blocks = _elements(mesh)

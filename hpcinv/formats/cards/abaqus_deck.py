@@ -42,7 +42,8 @@ def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
     """Return what the file says at the end of its last step.
 
     Args:
-        nodes_of_sets: numbers of nodes by name of the set, also of the sets of ``hpcinv.base.reading.single_conditions``.
+        nodes_of_sets: numbers of nodes by name of the set, also of the sets of
+            ``hpcinv.base.reading.single_conditions``.
 
     Raises:
         CardError: a number is damaged.

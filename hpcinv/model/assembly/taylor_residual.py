@@ -2,7 +2,8 @@
 
 With ``x(a) = Σ xₖ aᵏ`` and ``λ(a) = Σ λₖ aᵏ``, the coefficient of ``aᵏ`` of ``R(x(a), λ(a))`` is linear in ``xₖ`` and
 ``λₖ``. Gradients and integrals are linear, so that only the duals of test functions at quadrature points need Taylor
-arithmetic (`hpcinv.model.assembly.taylor_code`): stresses, the volume equation, and loads that depend on the displacement.
+arithmetic (`hpcinv.model.assembly.taylor_code`): stresses, the volume equation, and loads that depend on the
+displacement.
 """
 
 from __future__ import annotations

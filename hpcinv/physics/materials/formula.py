@@ -33,8 +33,8 @@ class Formula(IsochoricLaw):
 
     The invariants are ``I1``, ``I2``, ``J``, ``I1_bar``, ``I2_bar``, and of families f, s of fibres ``I4_f``, ``I5_f``,
     ``I8_f_s = a0·(C - I) b0``. The energy must be stress-free at ``F = I``; however it is written, it keeps its
-    digits at small strain (`hpcinv.physics.materials.formula_law`). Without ``kappa`` it is the whole energy, and the pressure
-    is not an unknown.
+    digits at small strain (`hpcinv.physics.materials.formula_law`). Without ``kappa`` it is the whole energy, and the
+    pressure is not an unknown.
     """
 
     replaceable = (None, "kappa")

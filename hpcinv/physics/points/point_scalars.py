@@ -267,7 +267,7 @@ def _permuted(nodes: Nodes, axes: Sequence[int], wanted: Sequence[int]) -> Nodes
 
 
 def _by_size(condition: Any) -> tuple[Any, Any] | None:
-    """Return ``x`` and ``c`` of a condition ``|x| < c`` with a number ``c`` (`hpcinv.physics.kinematics.stable_functions`)."""
+    """Return ``x`` and ``c`` of a condition ``|x| < c`` with a number ``c`` (`physics.kinematics.stable_functions`)."""
     if isinstance(condition, classes.LT):
         size, bound = condition.ufl_operands
         if isinstance(size, classes.Abs) and isinstance(bound, classes.FloatValue):

@@ -1,7 +1,8 @@
 """Program of the processes that solve the cases of one group, separate from those that the launcher has started.
 
-``python -m hpcinv.studies.batch.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. They write to a file in the
-directory which case they solve; the supervisor that has started them (`isolation`) reads it, also after a crash.
+``python -m hpcinv.studies.batch.groupprocess DIRECTORY``, on one rank, or under mpiexec on several. They write to a
+file in the directory which case they solve; the supervisor that has started them (`isolation`) reads it, also after a
+crash.
 """
 
 from hpcinv.base.parallel.signals import StopRequest

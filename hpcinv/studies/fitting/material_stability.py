@@ -4,8 +4,8 @@ Drucker's condition is ``dτ : dε > 0``: a change of stress does work on the ch
 changes of the principal logarithmic strains ``ε``, with Kirchhoff's stress ``τ``; of an incompressible material for
 changes that keep the volume. Without it, a body may have no solution or several.
 
-Strong ellipticity (`hpcinv.studies.fitting.ellipticity`) excludes jumps of the strain across surfaces. Neither implies the
-other.
+Strong ellipticity (`hpcinv.studies.fitting.ellipticity`) excludes jumps of the strain across surfaces. Neither implies
+the other.
 
 Source: Hill (1970), "Constitutive inequalities for isotropic elastic solids under finite strain",
 doi:10.1098/rspa.1970.0018.

@@ -54,7 +54,7 @@ class CheckedRun:
 
 
 class Check(ABC):
-    """A check, which yields lines of the certificate. A subclass is registered by its module in `hpcinv.trust.certificate`.
+    """A check, which yields lines of the certificate. A module of `hpcinv.trust.certificate` registers it.
 
     Attributes:
         name: shown while it is made.

@@ -1,7 +1,7 @@
 """Errors of a shell's quantities that its one layer leaves, which halved cells do not show.
 
-Stresses miss what the faces lack of the tractions of the loads (`hpcinv.trust.certificate.face_tractions`). At a clamp the
-layer is too stiff: a displacement at a distance d from it misses a share of ``t/d``.
+Stresses miss what the faces lack of the tractions of the loads (`hpcinv.trust.certificate.face_tractions`). At a clamp
+the layer is too stiff: a displacement at a distance d from it misses a share of ``t/d``.
 """
 
 from __future__ import annotations

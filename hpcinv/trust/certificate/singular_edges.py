@@ -1,9 +1,9 @@
 """Edges at which the stress of a body has no bound, found by its shape and its supports: re-entrant ones, and those at
 which a support ends.
 
-There the displacement is ``u ~ r^λ`` with λ below 1 (`hpcinv.trust.certificate.wedge_exponents`), which no degree of elements
-resolves: errors of quantities fall as ``h^2λ`` only, in cells that touch the edge. Singular points of a fibre field
-are added to them (`hpcinv.trust.certificate.singular_fibres`).
+There the displacement is ``u ~ r^λ`` with λ below 1 (`hpcinv.trust.certificate.wedge_exponents`), which no degree of
+elements resolves: errors of quantities fall as ``h^2λ`` only, in cells that touch the edge. Singular points of a fibre
+field are added to them (`hpcinv.trust.certificate.singular_fibres`).
 """
 
 from __future__ import annotations

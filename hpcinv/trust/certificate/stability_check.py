@@ -46,8 +46,9 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
     pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Further ones are
-    either confirmed to be instabilities of the body, or the line is not decided (`hpcinv.trust.certificate.confirmation`).
-    Where factors are not affordable, the lowest eigenvalue is sought iteratively, and its sign is all that is known.
+    either confirmed to be instabilities of the body, or the line is not decided
+    (`hpcinv.trust.certificate.confirmation`). Where factors are not affordable, the lowest eigenvalue is sought
+    iteratively, and its sign is all that is known.
 
     Args:
         forward: factors of the forward tangent at the solution.
