@@ -54,7 +54,6 @@ def rehearse(job: Job) -> None:
     ) -> tuple[SolvedDirection, None]:
         """Compile the kernels of a solve; its solution is the body that does not move."""
         equilibrium = method_for(equations, step.direction).equilibrium
-        equilibrium.system.weak_form.parameters.set_load(1.0)
         equilibrium.system.compile()
         equilibrium.compile(prescribed_motion=moved[number])
         equations.release(equilibrium)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -84,12 +85,22 @@ class Body:
         return np.asarray(self.mesh.geometry.x * self.length_scale)
 
     def move_to(self, nodes: Floats) -> None:
-        """Move the mesh; nothing else writes its coordinates.
+        """Move the mesh; `DiscreteModel.put` does so, and nothing else writes its coordinates.
 
         Args:
             nodes: coordinates of the local geometry nodes, (n, 3) in m.
         """
         self.mesh.geometry.x[:] = nodes / self.length_scale
+
+    @contextmanager
+    def at(self, nodes: Floats) -> Iterator[None]:
+        """Context in which the mesh is at ``nodes`` (as in `move_to`); afterwards it is where it was before."""
+        before = self.mesh.geometry.x.copy()
+        self.move_to(nodes)
+        try:
+            yield
+        finally:
+            self.mesh.geometry.x[:] = before
 
     @cached_property
     def true_geometry_body(self) -> tuple[Body | None, str]:

@@ -34,8 +34,8 @@ may be far from 1, as the tolerances of singular tangents expect them."""
 class DiscreteModel:
     """Spaces, supports, scales and weak forms of a reuse group of jobs (`reuse_group_of`) on one body.
 
-    They are made once, with their programs. `put` sets the mesh's coordinates, the unknowns, the parameters and
-    the supports. Apart from it, only a solver changes the unknowns.
+    They are made once, with their programs. `put` sets the mesh's coordinates, the unknowns, the load factor, the
+    parameters, the supports and the contacts. Apart from it, only a solver changes them.
 
     Args:
         like: the same of another state of the body, whose spaces are used.
@@ -54,6 +54,7 @@ class DiscreteModel:
         self._given_u: Function | None = None  # displacement of the given state, if something is given there (scaled)
         self._given_function: Function | None = None  # for the next use, since weak forms refer to it
         self._given_displacement: Function | None = None
+        self._load, self._contacts = 0.0, tuple[ContactReport, ...]()  # of the present state
         self.quadrature_degree = _quadrature(job, body.source)
         body.move_to(body.given_nodes)
         with timings("set-up"):
@@ -74,7 +75,7 @@ class DiscreteModel:
             self.supports = Supports(job, body, self.unknowns)
 
     def put(self, state: State) -> None:
-        """Put the mesh, the unknowns, contacts and the numbers of the job into a state; collective.
+        """Put the mesh, the unknowns, the load factor, contacts and the numbers of the job into a state; collective.
 
         Raises:
             MeshError: on all ranks, if a field of the state's job is not admissible, or its supports contradict each
@@ -85,9 +86,11 @@ class DiscreteModel:
             self._update_parameters(state.job)
         self._attach(state.given_displacement)
         self.body.move_to(state.mesh_nodes)
-        self.put_fields(state.fields)
+        self._contacts = state.contacts
         for weak_form in self._weak_forms.values() if state.contacts else ():
             weak_form.contacts.restore(state.contacts, self.scales)
+        self.put_load(state.load)
+        self.put_fields(state.fields)
 
     def renew(self, job: Job, timings: Timings) -> None:
         """Begin another run, with the numbers of its job, on the given mesh and without displacement; collective.
@@ -99,7 +102,16 @@ class DiscreteModel:
         self.body.move_to(self.body.given_nodes)
         self._update_parameters(job)
         self._attach(None)
+        self._contacts = ()
+        self.put_load(0.0)
         self.unload()
+
+    def put_load(self, load: float) -> None:
+        """Set the load factor of all weak forms and of the supports, without a path from another state."""
+        self._load = load
+        for weak_form in self._weak_forms.values():
+            weak_form.parameters.set_load(load)
+        self.supports.scale(load)
 
     def put_fields(self, fields: tuple[Function, Function | None] | None) -> None:
         """Set the unknowns alone; the next solve begins with them.
@@ -114,10 +126,43 @@ class DiscreteModel:
         self.unknowns.set_displacement(u.x.array / self.scales.length)
         if p is not None:
             self.unknowns.set_pressure(p.x.array / self.scales.stress)
+        self._locate_contacts()
+
+    def put_displacement(self, values: Floats) -> None:
+        """Set the displacement alone, by values (scaled) at the local degrees of freedom of its space."""
+        self.unknowns.set_displacement(values)
+        self._locate_contacts()
 
     def unload(self) -> None:
         """Set displacement and pressure to zero."""
         self.unknowns.state.x.array[:] = 0.0
+        self._locate_contacts()
+
+    def put_unknowns(self, values: Floats) -> None:
+        """Set all unknowns by scaled values of the owned ones, or of all local ones; collective."""
+        state = self.unknowns.state.x
+        state.array[: len(values)] = values
+        state.scatter_forward()
+
+    def impose_supports(self, direction: Direction) -> None:
+        """Set the displacements that supports hold to the prescribed ones at full load; collective.
+
+        Regions under remote loads, whose motions are unknown, stay where they are.
+
+        Args:
+            direction: of the present state.
+        """
+        state = self.unknowns.state.x
+        unknown_motions = [(face.dofs, state.array[face.dofs]) for face in self.supports.remote_faces.values()]
+        self.supports.scale(1.0, KINEMATICS[direction].sign)
+        self.supports.impose(state.array)
+        for dofs, values in unknown_motions:
+            state.array[dofs] = values
+        state.scatter_forward()
+
+    def _locate_contacts(self) -> None:
+        for weak_form in self._weak_forms.values():
+            weak_form.contacts.locate()
 
     def state(self, load: float = 1.0) -> State:
         """Return the present state, with copies of its fields."""
@@ -190,13 +235,14 @@ class DiscreteModel:
     def weak_form(
         self, direction: Direction, given_u: Function | None = None, quadrature: int | None = None
     ) -> WeakForm:
-        """Return the weak form in one direction; it is evaluated at the coordinates of the mesh at that time.
+        """Return the weak form in one direction, at the present load factor and with the present contacts.
+
+        It is evaluated at the coordinates that the mesh has at that time. What exists does not change.
 
         Args:
             given_u: as for `WeakForm`.
             quadrature: quadrature degree, by default the degree of the job.
         """
-        self.supports.set_sign(KINEMATICS[direction].sign)
         is_kept = given_u is None and quadrature is None
         key = direction, self._given_u is not None
         if is_kept and key in self._weak_forms:
@@ -205,6 +251,10 @@ class DiscreteModel:
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
         with self.timings("compile"):
             weak_form = WeakForm(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, given_u)
+        weak_form.parameters.set_load(self._load)
+        if self._contacts:
+            weak_form.contacts.restore(self._contacts, self.scales)
+        weak_form.contacts.locate()
         if is_kept:
             self._weak_forms[key] = weak_form
         return weak_form

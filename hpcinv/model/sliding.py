@@ -81,7 +81,7 @@ class Sliding:
         sign: of displacements from the mesh to the other body, as in `Kinematics`.
 
     Attributes:
-        sign: as given; whoever assembles sets it.
+        sign: as given; `Supports.scale` sets it.
         is_curved: whether directions depend on the state; they are evaluated at the unknowns' state.
     """
 

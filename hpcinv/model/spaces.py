@@ -168,22 +168,26 @@ class Unknowns:
         space = self.space if self.p is None else self.space.sub(0)
         return space.sub(i)
 
-    def displacement(self) -> fem.Function:
-        """Return a copy of the displacement, in scaled lengths."""
+    def displacement(self, state: fem.Function | None = None) -> fem.Function:
+        """Return a copy of the displacement, in scaled lengths.
+
+        Args:
+            state: of which it is a part; by default the present state.
+        """
         u = fem.Function(self.displacement_space, name="displacement")
-        u.x.array[:] = self.state.x.array[self._displacement_dofs]
+        u.x.array[:] = (self.state if state is None else state).x.array[self._displacement_dofs]
         return u
 
     def set_displacement(self, values: npt.NDArray[np.float64]) -> None:
         """Set the displacement of the state, by values at the local degrees of freedom of its space."""
         self.state.x.array[self._displacement_dofs] = values
 
-    def pressure(self) -> fem.Function | None:
-        """Return a copy of the pressure, in scaled stresses; ``None`` in the displacement form."""
+    def pressure(self, state: fem.Function | None = None) -> fem.Function | None:
+        """Return a copy of the pressure, in scaled stresses; ``None`` in the displacement form. As `displacement`."""
         if self.p is None:
             return None
         p = fem.Function(self.pressure_space, name="pressure")
-        p.x.array[:] = self.state.x.array[self._pressure_dofs]
+        p.x.array[:] = (self.state if state is None else state).x.array[self._pressure_dofs]
         return p
 
     def set_pressure(self, values: npt.NDArray[np.float64]) -> None:

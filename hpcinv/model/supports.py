@@ -170,11 +170,6 @@ class Supports:
         """True if a region slides on a curved surface, so that held directions depend on the state."""
         return self.sliding is not None and self.sliding.is_curved
 
-    def set_sign(self, sign: int) -> None:
-        """Set the sign of displacements from the mesh to the other body, as in `Kinematics`."""
-        if self.sliding is not None:
-            self.sliding.sign = sign
-
     @property
     def holders(self) -> list[Prescribed | Slide]:
         """Supports and their regions, component by component; regions under remote loads are left out."""
@@ -261,8 +256,14 @@ class Supports:
         for entry, entry_values in zip(self.prescribed, values, strict=True):
             entry.now.x.array[:] = entry_values
 
-    def scale(self, load: float) -> None:
-        """Prescribe the displacements at a share of the whole load, or of the path from another state."""
+    def scale(self, load: float, sign: int | None = None) -> None:
+        """Prescribe the displacements at a share of the whole load, or of the path from another state.
+
+        Args:
+            sign: of displacements from the mesh to the other body, as in `Kinematics`; by default as before.
+        """
+        if self.sliding is not None and sign is not None:
+            self.sliding.sign = sign
         self._gap = (1 - load) * self._first_gap
         for number, entry in enumerate(self.prescribed):
             if entry.support in self._with_unknown_motion:

@@ -70,20 +70,20 @@ def write_fields(
     on_root(comm, prepare)
     undeformed = dict[str, Floats]()
     for number, solution in enumerate(solutions):
-        body.move_to(solution.mesh_nodes)
-        fields = _Fields(body, solution)
-        if number == 0:
-            undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
-        node_arrays = fields.node_arrays(more[number] if more else ())
-        cell_arrays = fields.cell_arrays(estimate if number == 0 else None)
-        for name, points in zip(BODIES, fields.points(), strict=True):
-            fibre_arrays = fields.fibres(undeformed, name)
-            path = partial / _data_file(name, solution.state)
-            own_arrays = [*node_arrays, *fields.shell_arrays(name)]
-            failed = write_vtu(path, comm, fields.grid(points), own_arrays, [*cell_arrays, *fibre_arrays])
-            if failed is not None:
-                on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
-                raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
+        with body.at(solution.mesh_nodes):
+            fields = _Fields(body, solution)
+            if number == 0:
+                undeformed = fibres(body, families, solution, fields.gradients, fields.cells)
+            node_arrays = fields.node_arrays(more[number] if more else ())
+            cell_arrays = fields.cell_arrays(estimate if number == 0 else None)
+            for name, points in zip(BODIES, fields.points(), strict=True):
+                fibre_arrays = fields.fibres(undeformed, name)
+                path = partial / _data_file(name, solution.state)
+                own_arrays = [*node_arrays, *fields.shell_arrays(name)]
+                failed = write_vtu(path, comm, fields.grid(points), own_arrays, [*cell_arrays, *fibre_arrays])
+                if failed is not None:
+                    on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
+                    raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
 
     def publish() -> None:
         try:

@@ -35,7 +35,6 @@ def nominal_sizes(equations: Equations, solution: Solution) -> tuple[float, floa
         weak_form = equations.weak_form(solution.direction)
         nominal = weak_form.nominal_displacement
     with equations.timings("evaluation"):
-        weak_form.parameters.set_load(solution.load)
         displacement, force = nominal()
     return displacement * equations.scales.length, force
 

@@ -82,11 +82,11 @@ def fault_of(quantity: QuantityOfInterest, value: QuantityValue) -> str:
 def carried(quantities: Iterable[QuantityOfInterest], body: Body, nodes: Floats) -> tuple[QuantityOfInterest, ...]:
     """Return the quantities at the same material points of the body with its local nodes at ``nodes`` (m); collective.
 
-    The mesh is moved to where it was given.
+    Their points are on the given mesh.
     """
-    body.move_to(body.given_nodes)
     quantities, moved = tuple(quantities), []
-    places = locate(body, _points(quantities))
+    with body.at(body.given_nodes):
+        places = locate(body, _points(quantities))
     for quantity in quantities:
         if quantity.at is not None and (place := places[quantity.at]) is not None:
             quantity = quantity.model_copy(update={"at": tuple(position(body, place, nodes).tolist())})
@@ -110,9 +110,15 @@ def evaluate(
     """
     quantities = tuple(quantities)
     if equations is None:
-        body.move_to(solution.mesh_nodes)
-    else:
-        equations.put(solution)
+        with body.at(solution.mesh_nodes):
+            return _evaluated(quantities, body, solution, None)
+    equations.put(solution)
+    return _evaluated(quantities, body, solution, equations)
+
+
+def _evaluated(
+    quantities: tuple[QuantityOfInterest, ...], body: Body, solution: Solution, equations: Equations | None
+) -> dict[str, QuantityValue]:
     places = check_points(quantities, body)
     others = [q for q in quantities if not q.is_reaction]
     values = values_of(others, body, solution, _fields(quantities, body, solution, equations), places)
@@ -168,7 +174,6 @@ def _fields(
         return None
     assert equations is not None
     weak_form = equations.weak_form(solution.direction)
-    weak_form.parameters.set_load(1.0)
     return fields_for(quantities, body, weak_form, equations.scales)
 
 

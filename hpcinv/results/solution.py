@@ -116,7 +116,7 @@ def solution_of(
     with equations.timings("compile"):
         evaluate = weak_form.means
     with equations.timings("evaluation"):
-        weak_form.parameters.set_load(load)
+        equations.put_load(load)
         state = equations.state(load)
         means = evaluate()
         for stress_field in (means.cauchy_stress, means.prestrain_stress):

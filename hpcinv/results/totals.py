@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from dolfinx import fem
 
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.quantity import quantities_of
@@ -226,15 +225,13 @@ def _resultant(equations: Equations, direction: Direction) -> tuple[tuple[float,
     forces -= system.forces(1.0)
     response -= contacts.response()
     resultant, total = np.zeros(3), np.zeros(3)
+    dofs = unknowns.owned_displacement_dofs.reshape(-1, 3)
     for axis in range(3):
-        translation = fem.Function(unknowns.displacement_space)
-        translation.x.array.reshape(-1, 3)[:, axis] = 1.0
-        unknowns.set_displacement(translation.x.array)
-        work = forces * unknowns.state.x.array[: len(forces)]
+        work = np.zeros_like(forces)
+        work[dofs[:, axis]] = forces[dofs[:, axis]]
         resultant[axis], total[axis] = comm.allreduce(work.sum()), comm.allreduce(np.abs(work).sum())
     resultant += response  # the response of an obstacle that has travelled on is not a load
-    equations.unload()
-    system.set_load(0.0)
+    equations.put_load(0.0)
     equations.release(equilibrium)
     if not np.isfinite(total).all():
         return None, math.inf

@@ -113,7 +113,6 @@ class Equations(DiscreteModel):
                 reuse=0.3 if solver.reuse_tangent else 0.0,
             )
         equilibrium.linear.options.restore()
-        weak_form.contacts.locate()
         weak_form.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer
         if not self._are_supports_checked:

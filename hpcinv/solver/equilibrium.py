@@ -256,7 +256,8 @@ class Equilibrium:
 
     def restore(self, kept: Kept) -> None:
         """Return to a state and numbers that `kept` returned."""
-        self.system.state.x.array[:], numbers = kept
+        values, numbers = kept
+        self.system.set_values(values)
         self.numbers.restore(numbers)
 
     def begin_path(self) -> None:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from dolfinx import fem
 
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
@@ -19,25 +18,26 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
     The first returns the owned unknowns of the field, the second the forces on them in the unloaded state, per size
     of the field; both are collective.
     """
-    unknowns, state = system.weak_form.unknowns, system.state
-    kept_state, owned = state.x.array.copy(), len(system.rhs.array)
+    unknowns = system.weak_form.unknowns
+    kept_state, owned = system.state.x.array.copy(), len(system.rhs.array)
+
+    def local_unknowns(field: Floats) -> Floats:
+        values = np.zeros_like(kept_state)
+        values[unknowns.displacement_dofs_of_nodes] = field
+        return values
 
     def unknowns_of(field: Floats) -> Floats:
-        u = fem.Function(unknowns.displacement_space)
-        u.x.array[:] = field.ravel()
-        state.x.array[:] = 0.0
-        unknowns.set_displacement(u.x.array)
-        return np.array(state.x.array[:owned])
+        return local_unknowns(field)[:owned]
 
     def forces(field: Floats) -> Floats:
-        unknowns_of(_SMALL * field)
+        system.set_values(local_unknowns(_SMALL * field))
         return np.asarray(system.forces(0.0))
 
     try:
         unmoved = forces(np.zeros((len(unknowns.displacement_space.tabulate_dof_coordinates()), 3)))
         yield unknowns_of, lambda field: (forces(field) - unmoved) / _SMALL
     finally:
-        state.x.array[:] = kept_state
+        system.set_values(kept_state)
 
 
 def stiffness_of(system: System, count: int, field: Callable[[int], Floats], parts: Sequence[Floats]) -> list[Floats]:

@@ -68,8 +68,8 @@ def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm,
         body = build_body(mesh, conditions(corner="x <= 0 and y < 1 mm"), comm)
         for direction, sign in (("forward", 1), ("inverse", -1)):
             solution = made_up(body, direction, displacement)
-            body.move_to(solution.other_nodes)  # moved on, to the next solution
-            quantities = evaluate([*at_points, *in_formula, *on.values()], body, solution)
+            with body.at(solution.other_nodes):  # moved on, to the next solution
+                quantities = evaluate([*at_points, *in_formula, *on.values()], body, solution)
             assert comm.allgather(quantities) == [quantities] * comm.size
             for i, p in enumerate(points):
                 point = np.array([p])

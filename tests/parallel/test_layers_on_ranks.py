@@ -184,7 +184,7 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
     if way == "accuracy":
         guess = guess_from(solution_of(coarse, "forward", coarse.weak_form("forward"), ()), coarse.body, model)
     else:
-        guess = _transferred(coarse, model, 0)
+        guess = _transferred(coarse, model, "forward", 0)
     assert guess is not None
     assert guess.pressure is not None
     np.testing.assert_allclose(guess.pressure, expected[1].x.array, rtol=0, atol=1e-9)

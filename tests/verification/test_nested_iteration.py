@@ -158,8 +158,8 @@ def test_prescribed_displacements_agree_with_the_given_mesh(
     guesses: list[Any] = []
     transferred = nested_iteration._transferred
 
-    def keep(coarse: Any, model: Any, sign: int) -> Any:
-        guess = transferred(coarse, model, sign)
+    def keep(coarse: Any, model: Any, direction: Any, sign: int) -> Any:
+        guess = transferred(coarse, model, direction, sign)
         guesses.append((model.supports.prescribed, model.scales.length, model.unknowns, guess))
         return guess
 

@@ -1,6 +1,6 @@
 """Residual and tangent of a weak form at a load factor, as PETSc vector and matrix."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, Self
 
@@ -110,8 +110,7 @@ class System:
         if self._path is not None:
             self._path = self._path[0], 1.0 - load
         self.weak_form.parameters.set_load(load if self._path is None else 1.0)
-        self.supports.set_sign(self.weak_form.kinematics.sign)
-        self.supports.scale(load)
+        self.supports.scale(load, self.weak_form.kinematics.sign)
 
     @property
     def is_on_path(self) -> bool:
@@ -134,6 +133,7 @@ class System:
         All loads act in full on this path. Collective.
         """
         self.end_path()
+        self.set_load(1.0)
         self.weak_form.begin_line(job)
         self.supports.begin_path(self.state.x.array)
 
@@ -167,6 +167,10 @@ class System:
         x.copy(self.state.x.petsc_vec)
         self.state.x.scatter_forward()
 
+    def set_values(self, values: npt.NDArray[np.float64]) -> None:
+        """Set the state to values of the local unknowns, ghosts included."""
+        self.state.x.array[:] = values
+
     def position(self) -> PETSc.Vec:
         """Return a copy of the present state."""
         x: PETSc.Vec = self.state.x.petsc_vec.copy()
@@ -180,6 +184,12 @@ class System:
                 self._add_lifting(b, self.state.x.array)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             self._set_held_rows(b, -self.supports.missing(self.state.x.array))
+
+    def lift_rates(self, b: PETSc.Vec, rates: Sequence[npt.NDArray[np.float64]], load: float) -> None:
+        """Lift as `lift` does for rates of prescribed values (of `Supports.rates`), at a load factor."""
+        self.supports.prescribe(rates)
+        self.lift(b)
+        self.set_load(load)
 
     def lift(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the right-hand side of ``K x = b`` for the prescribed values, with the assembled K."""

@@ -5,6 +5,7 @@ Each iteration solves the forward problem on the mesh at X for u, and moves X by
 """
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -98,7 +99,7 @@ class FixedPointMethod(Method):
                 end = self._end(last, residuals)
                 if end is None and not self._move(self._update.step(X, r)):
                     end = Outcome.FIXED_POINT_DIVERGED
-                mesh.correct_displacement(X - self._X - r)  # to x - X
+                self.equations.put_displacement(mesh.corrected_displacement(X - self._X - r))  # x - X
             self.reached_load = 1.0 if end is not None and end.accepted else 0.0
             yield replace(
                 last, outcome=end or last.outcome, position_residual=residuals[-1] * self.equations.scales.length
@@ -124,11 +125,8 @@ class FixedPointMethod(Method):
         """Solve the forward problem of the body X; the mesh lies at X only during the solves."""
         solves = self._solves_at_X(warm)
         while True:
-            self.mesh.place(self._X)
-            try:
+            with self.mesh.at(self._X):
                 solve = next(solves, None)
-            finally:
-                self.mesh.place(self.mesh.x)
             if solve is None:
                 return
             yield solve
@@ -186,22 +184,21 @@ class MovableMesh:
         self._jacobian = QuadratureValues(ufl.JacobianDeterminant(self.mesh), self.mesh, quadrature_degree)
         self._given_jacobian = self._jacobians(self.x)
 
-    def place(self, X: Floats) -> None:
-        """Move the mesh to a body."""
-        self.body.move_to(X * self.body.length_scale)
+    def at(self, X: Floats) -> AbstractContextManager[None]:
+        """Return the context in which the mesh is at a body."""
+        return self.body.at(X * self.body.length_scale)
 
     def displacement(self) -> Floats:
         """Return the displacement of the present state at the nodes, the same on all ranks that share a node."""
         return self.unknowns.geometry_values(self.unknowns.displacement())
 
-    def correct_displacement(self, change: Floats) -> None:
-        """Add a field of the geometry's degree, given at the nodes, to the displacement of the present state."""
+    def corrected_displacement(self, change: Floats) -> Floats:
+        """Return the present displacement plus a field of the geometry's degree, which is given at the nodes."""
         self._nodal.x.array.reshape(-1, 3)[self._dof_of_node] = change
         u = fem.Function(self.unknowns.displacement_space)
         u.interpolate(self._nodal)
         u.x.scatter_forward()
-        u.x.array[:] += self.unknowns.displacement().x.array
-        self.unknowns.set_displacement(u.x.array)
+        return np.asarray(u.x.array + self.unknowns.displacement().x.array)
 
     def least_volume_ratio(self, X: Floats, other: Floats | None = None) -> float:
         """Return the smallest volume of body ``X`` per volume of another (by default the given one) at any point."""
@@ -220,7 +217,6 @@ class MovableMesh:
 
     def _jacobians(self, X: Floats) -> Floats:
         """Return Jacobian determinants of body ``X`` at the quadrature points of the owned cells."""
-        self.place(X)
-        values = [v.ravel() for _, v in self._jacobian]
-        self.place(self.x)
+        with self.at(X):
+            values = [v.ravel() for _, v in self._jacobian]
         return np.concatenate([np.empty(0), *values])

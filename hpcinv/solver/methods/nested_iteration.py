@@ -158,7 +158,7 @@ def _coarse_solution(
         sign, fault = _sign(coarse_solve.solves, equations, coarse)
         if not fault:
             with timings("transfer"):
-                guess = _transferred(coarse, equations, sign)
+                guess = _transferred(coarse, equations, direction, sign)
             if guess is not None:
                 return guess, coarse_solve
             fault = "the given mesh has points that are too far outside the coarser one"
@@ -215,7 +215,7 @@ def _sign(solves: Sequence[Solve], equations: Equations, coarse: Equations) -> t
     return equations.unknowns.unloaded_sign, ""
 
 
-def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | None:
+def _transferred(coarse: Equations, equations: Equations, direction: Direction, sign: int) -> Guess | None:
     """Return the state of ``coarse`` on the finer mesh; ``None`` if that has points far outside; collective."""
     cells = GatheredCells(coarse.body.mesh, coarse.body.length_scale)
     farthest = 0.0
@@ -235,13 +235,7 @@ def _transferred(coarse: Equations, equations: Equations, sign: int) -> Guess | 
     if equations.body.mesh.comm.allreduce(farthest, op=MPI.MAX) > FARTHEST:
         return None
     equations.put_fields((fields[0], fields[1] if len(fields) > 1 else None))
-    equations.supports.scale(1.0)
-    state = equations.unknowns.state.x
-    unknown_motions = [(face.dofs, state.array[face.dofs]) for face in equations.supports.remote_faces.values()]
-    equations.supports.impose(state.array)
-    for dofs, values in unknown_motions:
-        state.array[dofs] = values
-    state.scatter_forward()
+    equations.impose_supports(direction)
     u, p = equations.state().fields
     equations.unload()
     return Guess(np.array(u.x.array), None if p is None else np.array(p.x.array), sign, NESTED)

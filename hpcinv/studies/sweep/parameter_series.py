@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from dolfinx.fem import Function
 
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.mesh.source import Floats
@@ -66,10 +67,10 @@ class ParameterSeries:
         if found is None:
             return None
         weights, error = found
-        state = self.unknowns.state
+        state = Function(self.unknowns.space)
         state.x.petsc_vec.array[:] = self.origin + weights @ self.series.states
         state.x.scatter_forward()
-        u, p = self.unknowns.displacement(), self.unknowns.pressure()
+        u, p = self.unknowns.displacement(state), self.unknowns.pressure(state)
         pressure = None if p is None else self.scales.stress * p.x.array
         guess = Guess(self.scales.length * u.x.array, pressure, self.sign, STRATEGY, keeps_factors=True)
         return guess, error

@@ -44,12 +44,12 @@ def cut_regions(body: Body, rules: Mapping[str, RegionRule]) -> Iterator[str]:
 def facet_shares(body: Body) -> dict[str, float]:
     """Return the share of the surface of each region of facets that is given by a condition; collective."""
     mesh, shares = body.mesh, {}
-    body.move_to(body.given_nodes)
     owned = mesh.topology.index_map(2).size_local
     for name, region in body.regions.items():
         if region.origin == "geometric" and not region.cell_count:
             both = (region.facets, body.regions[BOUNDARY].facets)
-            areas = [np.linalg.norm(outer_facets(mesh, f[f < owned])[1], axis=1).sum() for f in both]
+            with body.at(body.given_nodes):
+                areas = [np.linalg.norm(outer_facets(mesh, f[f < owned])[1], axis=1).sum() for f in both]
             part, whole = mesh.comm.allreduce(np.array(areas), op=MPI.SUM)
             shares[name] = float(part / whole)
     return shares

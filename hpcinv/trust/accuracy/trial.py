@@ -171,9 +171,8 @@ def guess_from(solution: Solution, body: Body, equations: Equations) -> Guess | 
             layers = equations.unknowns.layers if new is p else None
             given = None if layers is None else layers_of_cells(equations.job, body)
             # Coordinates of both meshes have the scale of the new one.
-            body.move_to(solution.mesh_nodes * (body.length_scale / equations.body.length_scale))
-            is_found = _interpolate_layers(new, old, layers, given)
-            body.move_to(solution.mesh_nodes)
+            with body.at(solution.mesh_nodes * (body.length_scale / equations.body.length_scale)):
+                is_found = _interpolate_layers(new, old, layers, given)
             if not is_found:
                 return None
         new.x.scatter_forward()

@@ -61,7 +61,6 @@ def second_variation(equations: Equations, given_u: fem.Function | None) -> fem.
     spaces = equations.job.discretisation
     degree = max(equations.quadrature_degree, default_quadrature(equations.body.source.kind, spaces.displacement)) + 2
     weak_form = equations.weak_form("forward", given_u, degree)
-    weak_form.parameters.set_load(1.0)
     unknowns, parts = weak_form.unknowns, weak_form.kinematics.integration.part
     trial = ufl.TrialFunction(unknowns.space)
     with equations.timings("compile"):

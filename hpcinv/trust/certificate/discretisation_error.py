@@ -52,6 +52,7 @@ from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import Point, cells_at, locate, position
 from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
+from hpcinv.model.state import State
 from hpcinv.physics.effects import Direction
 from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.results.displacement_scale import displacement_scale
@@ -305,12 +306,11 @@ def _solve_solid(
     result = _moved(equations, solution, finer, rest_correction)
     if not is_affordable or result.largest <= most:
         return result
-    state = finer.unknowns.state.x.array
-    corrected = state.copy()
+    corrected = finer.state()
     budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
     if not budget.is_spent and _solve(finer, solution.direction, budget):
         return replace(_moved(equations, solution, finer, rest_correction), is_solved=True)
-    state[:] = corrected
+    finer.put_fields(corrected.fields)
     return replace(result, is_too_dear=budget.is_spent)
 
 
@@ -427,7 +427,7 @@ def finer_equations(equations: Equations, solution: Solution, rest_correction: C
     contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
     nodes = _nodes(solution, rest_correction)
     equations.put(solution.moved_to(nodes))
-    state = finer.unloaded(nodes=nodes if body is equations.body else None)
+    state = replace(finer.unloaded(nodes=nodes if body is equations.body else None), load=solution.load)
     if (other := solution.given_displacement) is not None:
         u = fem.Function(finer.unknowns.displacement_space)
         interpolate(other if rest_correction is None else rest_correction.displacement, u)
@@ -436,8 +436,7 @@ def finer_equations(equations: Equations, solution: Solution, rest_correction: C
     if state.pressure is not None:
         assert solution.pressure is not None
         interpolate(solution.pressure, state.pressure)
-    finer.put(state)
-    finer.unknowns.state.x.scatter_forward()
+    _put_with_ghosts(finer, state)
     return finer
 
 
@@ -450,7 +449,7 @@ def _halved_equations(equations: Equations, solution: Solution, rest_correction:
     equations.put(solution.moved_to(_nodes(solution, rest_correction)))
     corrected = None if rest_correction is None else rest_correction.finer_nodes
     nodes = halved_cells.refined_values(body, solution.mesh_nodes) if corrected is None else corrected
-    state = finer.unloaded(nodes=None if solution.is_on_given_mesh else nodes)
+    state = replace(finer.unloaded(nodes=None if solution.is_on_given_mesh else nodes), load=solution.load)
 
     def refined(displacement: fem.Function) -> fem.Function:
         return halved_cells.refined_function(body, unknowns, displacement, finer.unknowns)
@@ -463,9 +462,14 @@ def _halved_equations(equations: Equations, solution: Solution, rest_correction:
     if solution.pressure is not None:
         pressure = halved_cells.refined_pressure(body, unknowns, solution.pressure, finer.unknowns)
         state = replace(state, pressure=pressure)
-    finer.put(state)
-    finer.unknowns.state.x.scatter_forward()
+    _put_with_ghosts(finer, state)
     return finer
+
+
+def _put_with_ghosts(equations: Equations, state: State) -> None:
+    for function in filter(None, state.fields):
+        function.x.scatter_forward()
+    equations.put(state)
 
 
 def finer_forecast(equations: Equations) -> Forecast:

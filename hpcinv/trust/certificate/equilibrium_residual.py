@@ -9,7 +9,6 @@ import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.bounding_box import extent
-from hpcinv.model.spaces import Unknowns
 from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -63,7 +62,7 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     load = max(norm(full - none), norm(full))
     left, balanced, is_rounded = norm(full - equations.supports.held_part(full)), "", False
     if left > WARN * load:  # a rigid motion needs no forces
-        _strain(equations.unknowns, comm)
+        equations.put(_strained(solution, comm))
         stiff = norm(equilibrium.system.forces(1.0) - full) / _GROWTH
         equations.put(solution)
         is_rounded = left < _ROUNDED * stiff
@@ -85,9 +84,14 @@ def equilibrium_residual(equations: Equations, solution: Solution) -> Iterator[L
     yield line
 
 
-def _strain(unknowns: Unknowns, comm: MPI.Intracomm) -> None:
-    """Let the displacements grow along the body by up to three times `_GROWTH`: no rigid motion stays one."""
-    points = unknowns.displacement_space.tabulate_dof_coordinates()
+def _strained(solution: Solution, comm: MPI.Intracomm) -> Solution:
+    """Return a state whose displacements grow along the body by up to three times `_GROWTH`.
+
+    No rigid motion stays one.
+    """
+    u = solution.displacement.copy()
+    points = u.function_space.tabulate_dof_coordinates()
     low, high = extent(comm, points)
     growth = _GROWTH * ((points - low) / (high - low).max()).sum(axis=1)
-    unknowns.state.x.array[unknowns.displacement_dofs_of_nodes] *= 1.0 + growth[:, None]
+    u.x.array.reshape(-1, 3)[:] *= 1.0 + growth[:, None]
+    return replace(solution, displacement=u)

@@ -98,8 +98,7 @@ def solve(equations: Equations, solution: Solution, finer: Equations, observer: 
     The first solve begins with that state, others with the unloaded body: on coarse cells motions between the points of
     quadrature stretch a bent shell, and where rigid bodies touch, their pressures are not carried over.
     """
-    finer.supports.scale(1.0)
-    finer.supports.impose(finer.unknowns.state.x.array)
+    finer.impose_supports(solution.direction)
     sign = finer.unknowns.unloaded_sign if sign_of(solution.solves) == equations.unknowns.unloaded_sign else 0
     weak_form = finer.weak_form(solution.direction)
     if not weak_form.contacts.is_iterated:

@@ -58,13 +58,17 @@ class SingularEdges:
 
 
 def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | None = None) -> SingularEdges | None:
-    """Find the singular edges of a job's body, and move its mesh to where it was given; collective.
+    """Find the singular edges of a job's body on the given mesh; collective.
 
     Args:
         configurations: local geometry nodes (m) of those on which fibres are given; default: the given mesh.
     """
+    with body.at(body.given_nodes):
+        return _singular_edges(job, body, configurations or dict.fromkeys(("reference", "current"), body.given_nodes))
+
+
+def _singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats]) -> SingularEdges | None:
     mesh = body.mesh
-    body.move_to(body.given_nodes)
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
     if body.source.midsurface is not None:  # these edges act on a strip as wide as the shell is thick
         exterior = exterior[:0]
@@ -84,7 +88,6 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
         return _edges(FACET_KIND[kind], numbers, corners, areas, held, regions, KAPPA[job.pressure_degree is not None])
 
     edges = on_root(mesh.comm, find_on_root)
-    configurations = configurations or dict.fromkeys(("reference", "current"), body.given_nodes)
     singular = _with_fibres(_cell_edges(body, edges), *singular_fibres(job, body, configurations), body)
     return singular if len(singular.segments) else None
 

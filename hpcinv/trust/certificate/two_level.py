@@ -77,8 +77,9 @@ def correct(equations: Equations, direction: Direction, finer: Equations, observ
         observer: asked whether to stop, in each iteration.
     """
     equilibrium = equations.equilibrium(equations.weak_form(direction))
+    equilibrium.system.set_load(1.0)
     if equilibrium.system.tangents == 0:
-        equilibrium.system.linearise(1.0)
+        equilibrium.system.tangent()
     equilibrium.linear.factorize_if_needed()
     if equilibrium.linear.configuration.name == "iterative":
         equilibrium.linear.free_krylov_vectors()
@@ -172,10 +173,8 @@ class _FinerProblem:
         self._coarse, self._comm, self._volume_product = coarse, finer.body.mesh.comm, volume_product
         self._unknowns, self._supports = finer.unknowns, finer.supports
         weak_form, state = finer.weak_form(direction), finer.unknowns.state.x
-        weak_form.parameters.set_load(1.0)
-        finer.supports.scale(1.0)
-        finer.supports.impose(state.array)
-        state.scatter_forward()
+        self._put = finer.put_unknowns
+        finer.impose_supports(direction)
         with finer.timings("compile"):
             self._form = fem.form(weak_form.residual, jit_options=JIT_OPTIONS)
             self._differentiated = self._form if volume_product is None else _surface_form(weak_form)
@@ -193,8 +192,7 @@ class _FinerProblem:
     def solve(self, observer: Observer) -> bool:
         """Add the solution to the state, if the iterations converge; return whether they did."""
         x = self._solution(observer)
-        state = self._unknowns.state.x
-        state.array[:] = self._origin
+        self._put(self._origin)
         if x is not None:
             self._subtract(x)
             second = self._coarse.solve(self._assemble(self._form).astype(np.float32))
@@ -206,9 +204,7 @@ class _FinerProblem:
 
     def _subtract(self, x: Singles) -> None:
         """Subtract owned unknowns from the state; collective."""
-        state = self._unknowns.state.x
-        state.array[: len(x)] -= x
-        state.scatter_forward()
+        self._put(self._unknowns.state.x.array[: len(x)] - x)
 
     def _is_too_stiff(self) -> bool:
         """Return whether a tenth of the cells is much stiffer than by the shear modulus of the undeformed material."""
@@ -274,10 +270,8 @@ class _FinerProblem:
         """Return ``K x``."""
         product = np.zeros_like(x) if self._volume_product is None else self._volume_product(x)
         if self._differentiated is not None:
-            state, share = self._unknowns.state.x, _INCREMENT / self._length(x)
-            state.array[:] = self._origin
-            state.array[: len(x)] += share * x
-            state.scatter_forward()
+            share = _INCREMENT / self._length(x)
+            self._put(self._origin[: len(x)] + share * x)
             product += ((self._assemble(self._differentiated) - self._undisturbed) / share).astype(np.float32)
         self._supports.free(product)
         return product

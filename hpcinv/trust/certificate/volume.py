@@ -122,7 +122,6 @@ def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
     ratios = [law.stiffness_ratio for law in laws]
     if all(ratio is not None and ratio < STIFF for ratio in ratios):
         return None
-    weak_form.parameters.set_load(1.0)
     p, comm = equations.unknowns.p, mesh.comm
     size = abs(ufl.JacobianDeterminant(mesh))
     _, weights = quadrature(mesh.basix_cell().name, weak_form.quadrature_degree)

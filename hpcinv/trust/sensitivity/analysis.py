@@ -294,9 +294,7 @@ def _explicit(
     unchanged = weak_form.parameters.direction({})
     b.set(0.0)
     if parameter.key in prescribed:
-        equations.supports.prescribe(prescribed[parameter.key])
-        system.lift(b)
-        equations.supports.scale(1.0)
+        system.lift_rates(b, prescribed[parameter.key], 1.0)
         return unchanged, numbers.rates(parameter)
     if not isinstance(owner, Ingredient) or parameter.where not in job.owners:  # or of another state
         return unchanged, numbers.rates(parameter)

@@ -95,7 +95,6 @@ def slopes(
     equations.put(solution)
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
-    weak_form.parameters.set_load(1.0)
     fields = fields_for(quantities, body, weak_form, equations.scales)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:

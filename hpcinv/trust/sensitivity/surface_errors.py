@@ -215,8 +215,12 @@ def surface_normals(job: Job, body: Body) -> Floats:
     A node's normal is the mean of its facets' normals, by their area. The region `CUT` does not count, nor do planes of
     symmetry: nodes stay in them.
     """
+    with body.at(body.given_nodes):
+        return _normals(job, body)
+
+
+def _normals(job: Job, body: Body) -> Floats:
     mesh, given_nodes = body.mesh, body.given_nodes
-    body.move_to(given_nodes)
     planes = symmetry_planes(job, body, given_nodes, given_nodes)
     facets = exterior_facet_indices(mesh.topology)
     facets = facets[facets < mesh.topology.index_map(2).size_local]
