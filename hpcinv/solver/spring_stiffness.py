@@ -27,7 +27,7 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
         return values
 
     def unknowns_of(field: Floats) -> Floats:
-        return local_unknowns(field)[:owned]
+        return np.array(local_unknowns(field)[:owned])
 
     def forces(field: Floats) -> Floats:
         system.set_values(local_unknowns(_SMALL * field))
