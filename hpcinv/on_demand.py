@@ -13,6 +13,8 @@ FUNCTIONS = {
     "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
     "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
+    "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
+    "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
     "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
     "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
 }

@@ -17,11 +17,11 @@ from hpcinv.cli.options import port
 from hpcinv.errors import OutputError
 from hpcinv.job.job import Job, load
 from hpcinv.job.sections import IMAGES, Support
-from hpcinv.pages.pictures.colours import COLOURS, Colour
+from hpcinv.output.surfaces.colours import COLOURS, Colour
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body
-    from hpcinv.pages.pictures.drawing import Picture
+    from hpcinv.output.surfaces.picture import Picture
 
 
 def add_show(commands: Any) -> None:
@@ -136,10 +136,10 @@ def _plane(text: str) -> tuple[str, float | None]:
 
 def _run_picture(directory: Path, colour: Colour, section: tuple[str, float | None] | None) -> Picture:
     from hpcinv.output.run_directory import RunDirectory
+    from hpcinv.output.surfaces.boundary_surface import NAME, read_boundary
+    from hpcinv.output.surfaces.interior import NAME as INTERIOR
+    from hpcinv.output.surfaces.interior import read_interior
     from hpcinv.pages.pictures.body_section import Cut
-    from hpcinv.pages.pictures.boundary_surface import NAME, read_boundary
-    from hpcinv.pages.pictures.interior import NAME as INTERIOR
-    from hpcinv.pages.pictures.interior import read_interior
     from hpcinv.pages.pictures.result_picture import draw_result
 
     summary = RunDirectory(directory).summary()
@@ -175,7 +175,7 @@ def _check_page(given: Path, path: Path, *, is_run: bool) -> None:
 def _body_picture(path: Path, unit: str | None) -> Picture:
     job, body = _job_and_body(path, unit)
 
-    from hpcinv.pages.pictures.gathering import boundary_of
+    from hpcinv.output.surfaces.gathering import boundary_of
     from hpcinv.pages.pictures.job_picture import draw_job, draw_mesh
 
     boundary = boundary_of(body)

@@ -7,17 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
+from hpcinv.on_demand import on_demand
+from hpcinv.output.surfaces.boundary_surface import Boundary
+from hpcinv.output.surfaces.colours import Colour
+from hpcinv.output.surfaces.gathering import boundary_of
+from hpcinv.output.surfaces.interior import Interior
+from hpcinv.output.surfaces.interior_gathering import interior_of
+from hpcinv.output.surfaces.picture import Picture
 from hpcinv.output.vtk import write_fields
-from hpcinv.pages.pictures.boundary_surface import Boundary
-from hpcinv.pages.pictures.gathering import boundary_of
-from hpcinv.pages.pictures.interior import Interior
-from hpcinv.pages.pictures.interior_gathering import interior_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.trust.accuracy import AccuracyRecord
@@ -25,10 +28,6 @@ from hpcinv.trust.certificate import Certificate, Estimate, Verdict
 from hpcinv.trust.certificate.overlap import OVERLAP
 from hpcinv.trust.sensitivity.analysis import Sensitivities
 from hpcinv.trust.sensitivity.surface_errors import SurfaceSpread
-
-if TYPE_CHECKING:
-    from hpcinv.pages.pictures.colours import Colour
-    from hpcinv.pages.pictures.drawing import Picture
 
 
 class Quantities(dict[str, Any]):
@@ -124,13 +123,12 @@ class Result:
         Raises:
             OutputError: the run has no values of this colour.
         """
-        from hpcinv.pages.pictures.result_picture import draw_result  # loads matplotlib
-
         boundary = self.boundary()
 
         def draw() -> Picture:
             assert boundary is not None  # on rank 0
-            return draw_result(self.statistics, boundary, colour)
+            picture: Picture = on_demand("picture of a result")(self.statistics, boundary, colour)
+            return picture
 
         return on_root(self.body.mesh.comm, draw)
 

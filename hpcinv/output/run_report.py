@@ -14,15 +14,16 @@ from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityValue
+from hpcinv.on_demand import on_demand
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.shape_files import lines_of
 from hpcinv.output.summary import statistics, write_on_this_rank, write_summary
-from hpcinv.pages.pictures.boundary_surface import NAME as BOUNDARY
-from hpcinv.pages.pictures.boundary_surface import write_boundary
-from hpcinv.pages.pictures.interior import NAME as INTERIOR
-from hpcinv.pages.pictures.interior import write_interior
+from hpcinv.output.surfaces.boundary_surface import NAME as BOUNDARY
+from hpcinv.output.surfaces.boundary_surface import write_boundary
+from hpcinv.output.surfaces.interior import NAME as INTERIOR
+from hpcinv.output.surfaces.interior import write_interior
 from hpcinv.physics.effects import Direction
 from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
@@ -218,9 +219,7 @@ class RunReport(Observer):
             write_summary(path, content, store.comm, formats=others)
             try:
                 if self.job.output.report:
-                    from hpcinv.pages.reports.run_page import write_run_report  # loads VTK
-
-                    on_root(store.comm, lambda: write_run_report(path, content))
+                    on_root(store.comm, lambda: on_demand("report of a run")(path, content))
             finally:  # the results are kept if there is an error in the report, which 'report' writes again
                 write_summary(path, content, store.comm, formats=["json"])
         return replace(result, statistics=content)

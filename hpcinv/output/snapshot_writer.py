@@ -7,9 +7,9 @@ from hpcinv.errors import OutputError
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.output.checkpoint import Restart
 from hpcinv.output.run_store import RunStore
-from hpcinv.pages.pictures.decimation import Decimated, decimated
-from hpcinv.pages.pictures.gathering import cut_of
-from hpcinv.pages.pictures.snapshots import NAME, Snapshot, remove_after, write_snapshot
+from hpcinv.output.surfaces.decimation import Decimated, decimated
+from hpcinv.output.surfaces.gathering import cut_of
+from hpcinv.output.surfaces.snapshots import NAME, Snapshot, remove_after, write_snapshot
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import Observer, SolveEvent

@@ -27,7 +27,7 @@ from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.output.result import Result
-from hpcinv.pages.reports.shape_error import shape_error
+from hpcinv.output.shape_error import shape_error
 from hpcinv.results.solution import Solution
 from hpcinv.version import __version__
 

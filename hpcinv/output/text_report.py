@@ -9,7 +9,7 @@ from typing import Any
 
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.job.sections import REACTIONS, is_of_nodes
-from hpcinv.pages.reports.shape_error import shape_error
+from hpcinv.output.shape_error import shape_error
 
 _ERRORS = {
     "round_trip": "round trip: closes to {max} ({relative:.1g} of the body's length)",

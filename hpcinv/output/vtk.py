@@ -23,7 +23,7 @@ from hpcinv.mesh.file_numbers import cell_numbers, node_numbers
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
 from hpcinv.mesh.source import Floats
-from hpcinv.pages.pictures.gathering import error_in
+from hpcinv.output.surfaces.gathering import error_in
 from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
 from hpcinv.results.nodal_projection import projected

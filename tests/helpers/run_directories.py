@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.pages.pictures.boundary_surface import NAME, Boundary, BoundaryResult, write_boundary
-from hpcinv.pages.pictures.interior import NAME as INTERIOR
-from hpcinv.pages.pictures.interior import Interior, InteriorResult, write_interior
-from hpcinv.pages.pictures.snapshots import NAME as SNAPSHOTS
-from hpcinv.pages.pictures.snapshots import Snapshot, write_snapshot
+from hpcinv.output.surfaces.boundary_surface import NAME, Boundary, BoundaryResult, write_boundary
+from hpcinv.output.surfaces.interior import NAME as INTERIOR
+from hpcinv.output.surfaces.interior import Interior, InteriorResult, write_interior
+from hpcinv.output.surfaces.snapshots import NAME as SNAPSHOTS
+from hpcinv.output.surfaces.snapshots import Snapshot, write_snapshot
 
 SIZE = 0.1  # m, side of the block
 STRESS = np.array([[3.0, 1.0, 0.0], [1.0, -2.0, 0.5], [0.0, 0.5, 1.0]]) * 1e3  # Pa, on the first triangle

@@ -14,11 +14,11 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import Interrupted, OutputError
 from hpcinv.output.result import Result
-from hpcinv.pages.pictures.boundary_surface import NAME, Boundary, read_boundary
-from hpcinv.pages.pictures.gathering import boundary_of
+from hpcinv.output.surfaces.boundary_surface import NAME, Boundary, read_boundary
+from hpcinv.output.surfaces.gathering import boundary_of
+from hpcinv.output.surfaces.snapshots import NAME as SNAPSHOTS
+from hpcinv.output.surfaces.snapshots import read_snapshots, write_snapshot
 from hpcinv.pages.pictures.result_picture import measure
-from hpcinv.pages.pictures.snapshots import NAME as SNAPSHOTS
-from hpcinv.pages.pictures.snapshots import read_snapshots, write_snapshot
 
 SHEAR: dict[str, Any] = {
     "analysis": "forward",

@@ -18,7 +18,7 @@ from hpcinv.base.files.atomic import replace
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.output.run_directory import RunDirectory
-from hpcinv.pages.pictures.drawing import Picture
+from hpcinv.output.surfaces.picture import Picture
 
 DENSITY = "effects[0].density"
 

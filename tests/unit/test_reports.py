@@ -17,10 +17,10 @@ from helpers.run_directories import SIZE, boundary, cube, interior, run_director
 
 from hpcinv.errors import OutputError
 from hpcinv.job.sections import is_of_nodes
-from hpcinv.pages.pictures.boundary_surface import NAME, read_boundary
-from hpcinv.pages.pictures.decimation import decimated
-from hpcinv.pages.pictures.snapshots import NAME as SNAPSHOTS
-from hpcinv.pages.pictures.snapshots import Snapshot, read_snapshots, write_snapshot
+from hpcinv.output.surfaces.boundary_surface import NAME, read_boundary
+from hpcinv.output.surfaces.decimation import decimated
+from hpcinv.output.surfaces.snapshots import NAME as SNAPSHOTS
+from hpcinv.output.surfaces.snapshots import Snapshot, read_snapshots, write_snapshot
 from hpcinv.pages.reports.charts import convergence_chart, load_chart
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.run_page import run_page, write_run_report

@@ -11,8 +11,8 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
-from hpcinv.pages.pictures.interior import Interior, cut_tetrahedra, read_interior, write_interior
-from hpcinv.pages.pictures.interior_gathering import interior_of
+from hpcinv.output.surfaces.interior import Interior, cut_tetrahedra, read_interior, write_interior
+from hpcinv.output.surfaces.interior_gathering import interior_of
 
 CORNERS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.pages.reports.shape_error import REMEDIES, shape_error
+from hpcinv.output.shape_error import REMEDIES, shape_error
 from hpcinv.pages.reports.wording import words
 
 DISPLACEMENT = 4e-3

@@ -26,8 +26,8 @@ from hpcinv.mesh.midsurface import surface_source, thicken
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import DataArray, MeshSource
 from hpcinv.model.spaces import Unknowns
+from hpcinv.output.surfaces.boundary_surface import Boundary
 from hpcinv.pages.pictures import job_picture
-from hpcinv.pages.pictures.boundary_surface import Boundary
 from hpcinv.pages.reports.symbols import symbols
 
 THIN = Shell(thickness=0.1)

@@ -10,8 +10,8 @@ import pytest
 from helpers.closed_forms import NEO_HOOKEAN
 from helpers.verification import box, job
 
+from hpcinv.output.surfaces.boundary_surface import Boundary
 from hpcinv.pages.pictures import job_picture
-from hpcinv.pages.pictures.boundary_surface import Boundary
 from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, pixel_size
 from hpcinv.pages.pictures.scale_bar import draw_bar, round_length
 

@@ -14,7 +14,7 @@ import hpcinv
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.readers import read_surface
 from hpcinv.output.result import Result
-from hpcinv.pages.pictures.boundary_surface import read_boundary
+from hpcinv.output.surfaces.boundary_surface import read_boundary
 from hpcinv.results.cell_fields import face_arrays
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import OutputError
-from hpcinv.pages.pictures.boundary_surface import BoundaryResult
-from hpcinv.pages.pictures.interior import Interior, cut_tetrahedra
+from hpcinv.output.surfaces.boundary_surface import BoundaryResult
+from hpcinv.output.surfaces.interior import Interior, cut_tetrahedra
 
 _BESIDE = 1e-5  # of the body, from a plane that often has nodes; if it is raised, sections are not in the middle
 

@@ -3,7 +3,6 @@
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from hpcinv.base.files.atomic import write_output
 from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.errors import OutputError, SystemPartMissing
+from hpcinv.output.surfaces.picture import Picture
 from hpcinv.pages.pictures.scale_bar import draw_bar
 
 COLOUR_MAP = "viridis"
@@ -26,24 +25,6 @@ _PIXELS = (1000, 800)  # of one view
 _MARGIN = 1.2  # of the picture around its frame, for symbols
 _IN_A_ROW = 4  # views
 _SHARP = 35.0  # degrees between triangles whose common side is drawn
-
-
-@dataclass(frozen=True, repr=False)
-class Picture:
-    """A picture as PNG, which notebooks display."""
-
-    png: bytes
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the picture to a file; raises ``OutputError`` if it cannot be written."""
-        write_output(Path(path), self.png)
-
-    def __repr__(self) -> str:
-        """Return one line, which notebooks save with the picture."""
-        return f"<picture of {len(self.png):,} bytes of PNG>"
-
-    def _repr_png_(self) -> bytes:
-        return self.png
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from scipy.sparse.csgraph import connected_components
 
 from hpcinv.base.quantity.arrays import Booleans, Floats
 from hpcinv.job.job import Job
-from hpcinv.pages.pictures.boundary_surface import Boundary
-from hpcinv.pages.pictures.colours import REGIONS
-from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, Picture, View, directions, extent, figure
+from hpcinv.output.surfaces.boundary_surface import Boundary
+from hpcinv.output.surfaces.colours import REGIONS
+from hpcinv.output.surfaces.picture import Picture
+from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, directions, extent, figure
 
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")

@@ -12,10 +12,11 @@ from hpcinv.base.quantity.arrays import Floats
 from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 from hpcinv.base.quantity.written_units import as_shown, unit_of
 from hpcinv.errors import OutputError
+from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
+from hpcinv.output.surfaces.colours import REGIONS, Colour
+from hpcinv.output.surfaces.picture import Picture
 from hpcinv.pages.pictures.body_section import BodySection, Cut, PictureBody
-from hpcinv.pages.pictures.boundary_surface import Boundary, BoundaryResult
-from hpcinv.pages.pictures.colours import REGIONS, Colour
-from hpcinv.pages.pictures.drawing import DrawnBody, Picture, View, directions, figure
+from hpcinv.pages.pictures.drawing import DrawnBody, View, directions, figure
 
 
 def measure(name: str, result: BoundaryResult) -> Floats:

@@ -14,10 +14,10 @@ from hpcinv.job.sections import IMAGES
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.surface import Surface, gather_surface
-from hpcinv.pages.pictures.boundary_surface import Boundary
-from hpcinv.pages.pictures.decimation import Decimated, decimated
-from hpcinv.pages.pictures.gathering import boundary_of, cut_of
-from hpcinv.pages.pictures.interior_gathering import interior_of
+from hpcinv.output.surfaces.boundary_surface import Boundary
+from hpcinv.output.surfaces.decimation import Decimated, decimated
+from hpcinv.output.surfaces.gathering import boundary_of, cut_of
+from hpcinv.output.surfaces.interior_gathering import interior_of
 from hpcinv.pages.reports.job_text import place_of_entries
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.page import render

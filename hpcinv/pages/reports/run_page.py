@@ -14,12 +14,12 @@ from pydantic import ValidationError
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
 from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
-from hpcinv.pages.pictures import boundary_surface as surface
-from hpcinv.pages.pictures import snapshots
-from hpcinv.pages.pictures.boundary_surface import Boundary, read_boundary
-from hpcinv.pages.pictures.interior import NAME as NAME_OF_INTERIOR
-from hpcinv.pages.pictures.interior import Interior, read_interior
-from hpcinv.pages.pictures.snapshots import Snapshot, read_snapshots
+from hpcinv.output.surfaces import boundary_surface as surface
+from hpcinv.output.surfaces import snapshots
+from hpcinv.output.surfaces.boundary_surface import Boundary, read_boundary
+from hpcinv.output.surfaces.interior import NAME as NAME_OF_INTERIOR
+from hpcinv.output.surfaces.interior import Interior, read_interior
+from hpcinv.output.surfaces.snapshots import Snapshot, read_snapshots
 from hpcinv.pages.reports.cases_page import as_url
 from hpcinv.pages.reports.charts import convergence_chart, load_chart
 from hpcinv.pages.reports.packed_arrays import PackedArrays

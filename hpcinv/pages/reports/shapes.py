@@ -8,7 +8,7 @@ import numpy as np
 
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.errors import SystemPartMissing
-from hpcinv.pages.pictures.boundary_surface import Boundary, BoundaryResult
+from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.viewer_scene import scene
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from hpcinv.base.quantity.quantity import quantities_of
 from hpcinv.base.quantity.written_units import as_shown
-from hpcinv.pages.pictures.boundary_surface import Boundary
+from hpcinv.output.surfaces.boundary_surface import Boundary
 from hpcinv.physics.effects import effects
 
 _EACH = 60  # symbols of one support or load

@@ -11,11 +11,11 @@ from hpcinv.base.quantity.arrays import Floats
 from hpcinv.base.quantity.stress_measures import COMPONENTS
 from hpcinv.base.quantity.units import parse_quantity
 from hpcinv.job.sections import IMAGES
-from hpcinv.pages.pictures.boundary_surface import Boundary, BoundaryResult
-from hpcinv.pages.pictures.decimation import MOST, Decimated, decimated
-from hpcinv.pages.pictures.interior import Interior, InteriorResult
+from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
+from hpcinv.output.surfaces.decimation import MOST, Decimated, decimated
+from hpcinv.output.surfaces.interior import Interior, InteriorResult
+from hpcinv.output.surfaces.snapshots import Snapshot
 from hpcinv.pages.pictures.result_picture import upwards
-from hpcinv.pages.pictures.snapshots import Snapshot
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.symbols import symbols
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hpcinv.base.quantity.units import readable
-from hpcinv.pages.reports.shape_error import CAUSES, REMEDIES, ShapeError, shape_error
+from hpcinv.output.shape_error import CAUSES, REMEDIES, ShapeError, shape_error
 
 _NEXT = {
     "pass": "Use the shape. All files are in the directory of the run.",

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from hpcinv.pages.pictures.boundary_surface import NAME, Boundary, read_boundary
+from hpcinv.output.surfaces.boundary_surface import NAME, Boundary, read_boundary
 from hpcinv.pages.reports.cases_page import cases_page, outcome_of
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.page import NAME as PAGE

@@ -12,7 +12,7 @@ from hpcinv.mesh.boundary_shells import SIDES, facing
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.pages.pictures.interior import Interior, InteriorResult
+from hpcinv.output.surfaces.interior import Interior, InteriorResult
 from hpcinv.results.cell_fields import cell_fields
 from hpcinv.results.solution import Solution
 

@@ -8,7 +8,7 @@ import numpy as np
 from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import OutputError
-from hpcinv.pages.pictures.boundary_surface import DAMAGE, write_arrays
+from hpcinv.output.surfaces.boundary_surface import DAMAGE, write_arrays
 
 NAME = "snapshots"
 _LEVELS = 65_535  # of a displacement between its smallest and its largest value

@@ -15,7 +15,7 @@ from hpcinv.base.quantity.stress_measures import COMPONENTS
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import OutputError
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.pages.pictures.boundary_surface import DAMAGE, write_arrays
+from hpcinv.output.surfaces.boundary_surface import DAMAGE, write_arrays
 
 NAME = "interior.npz"
 _REGION = "region:"

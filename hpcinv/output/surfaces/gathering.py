@@ -12,7 +12,7 @@ from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
-from hpcinv.pages.pictures.boundary_surface import Boundary, BoundaryResult
+from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
 from hpcinv.results.cell_fields import cell_fields
 from hpcinv.results.cell_middles import deformation_gradients, fibres, unit_vectors
 from hpcinv.results.solution import Solution
