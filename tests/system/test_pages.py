@@ -128,7 +128,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "cp results/liver/shape.msh body.msh",
         "cp body.msh download",
     ):
-        type_in(line, directory)
+        run_line(line, directory)
     rubber_tests(directory)
     ball(directory / "scan.nii.gz", 20)
     ball(directory / "later.nii.gz", 500)

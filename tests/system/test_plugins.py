@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import ROOT, hpcinv, write_job
+from helpers.command_line import ROOT, hpcinv, hpcinv_here, write_job
 
 PLUGIN = """
 from typing import Any, ClassVar, Literal
@@ -72,7 +72,7 @@ def droop(run: Path) -> float:
 def expected(tmp_path_factory: pytest.TempPathFactory) -> float:
     """What the built-in law and effect give."""
     place = tmp_path_factory.mktemp("built-in")
-    done = hpcinv(1, "run", write_job(place / "job.yaml", BUILT_IN), "--output", "run", cwd=place)
+    done = hpcinv_here("run", write_job(place / "job.yaml", BUILT_IN), "--output", "run", cwd=place)
     assert done.returncode == 0, done.stderr
     assert droop(place / "run") < -0.05
     return droop(place / "run")
@@ -217,7 +217,7 @@ def test_an_installed_package_adds_laws_and_effects_to_every_job(site: Path, tmp
     path = f"{site}:{ROOT}"
     file = write_job(tmp_path / "job.yaml", BUILT_IN, **OWN)
     assert hpcinv(1, "validate", file, cwd=tmp_path).returncode == 2  # it is not installed there
-    done = hpcinv(2, "run", file, "--output", "run", cwd=tmp_path, PYTHONPATH=path)
+    done = hpcinv(1, "run", file, "--output", "run", cwd=tmp_path, PYTHONPATH=path)
     assert done.returncode == 0, done.stderr
     assert droop(tmp_path / "run") == pytest.approx(expected, rel=1e-11)
     listed = hpcinv(1, "laws", cwd=tmp_path, PYTHONPATH=path)

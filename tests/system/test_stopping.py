@@ -228,7 +228,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(("where", "ranks"), [("generator", 2), ("plugin", 2), ("generator in a thread", 1)])
+@pytest.mark.parametrize(("where", "ranks"), [("generator", 2), ("plugin", 1), ("generator in a thread", 1)])
 def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text(
         {
@@ -278,6 +278,7 @@ def test_a_plugin_that_replaces_the_process_fails_the_run(tmp_path: Path) -> Non
     assert "os.execv has ended the process before the command was done" in ended.stderr
 
 
+@pytest.mark.everyday("run-2", "validate-1")
 @pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])
 def test_a_lack_of_memory_is_reported_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
     """Of NumPy, in code of a job."""

@@ -49,10 +49,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(place: Path) -> Path:
-    """The results of the study, on two ranks."""
-    done = hpcinv(2, "study", "column-study.yaml", cwd=place)
+    """The results of the study, on one rank."""
+    done = hpcinv_here("study", "column-study.yaml", cwd=place)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith("column-study: 6 runs, 2 ranks; results in results/column-study\n")
+    assert done.stdout.startswith("column-study: 6 runs, 1 rank; results in results/column-study\n")
     assert "failed: one iteration, 2: stopped at load factor 0 of 1: Newton's method took too many" in done.stdout
     assert "Traceback" not in done.stderr
     return place / "results" / "column-study"
@@ -99,7 +99,7 @@ def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[
 
 def test_hdf5_holds_the_same_and_every_time(results: Path, table: list[dict[str, str]]) -> None:
     with h5py.File(results / "table.h5") as file:
-        assert (file.attrs["study"], file.attrs["ranks"]) == ("column-study", 2)
+        assert (file.attrs["study"], file.attrs["ranks"]) == ("column-study", 1)
         runs = file["runs"]
         assert list(runs["series"].asstr()[:]) == [r["series"] for r in table]
         for name in ("length", "length error", "time", "unknowns"):
@@ -130,14 +130,14 @@ def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dic
     texts = {"".join(t.itertext()).strip() for t in svg.iter("{http://www.w3.org/2000/svg}text")}
     assert {"P2 (nz)", "tolerance (tolerance)", "Pareto front", "0.001", "error of length / m"} <= texts
     assert any(
-        text.startswith("time / s (whole run without compilation and certificate, 2 ranks, median of 2)")
+        text.startswith("time / s (whole run without compilation and certificate, 1 rank, median of 2)")
         for text in texts
     )
 
 
 def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
     before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)}
-    done = hpcinv(2, "study", "column-study.yaml", cwd=place)
+    done = hpcinv_here("study", "column-study.yaml", cwd=place)
     assert done.returncode == 0, done.stderr
     assert f"{len(before)} executions were done before" in done.stdout
     assert "[" not in done.stdout.partition("length (m)")[0]

@@ -5,13 +5,11 @@ from __future__ import annotations
 import gzip
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import CUBE, ROOT, environment, hpcinv, write_job
+from helpers.command_line import CUBE, ROOT, hpcinv, hpcinv_here, write_job
 from helpers.mesh_cases import spec
 
 from hpcinv.__main__ import main
@@ -74,7 +72,7 @@ def test_the_command_line_executes_no_mesh(marker: Path, tmp_path: Path) -> None
     (tmp_path / "mesh.msh").write_bytes(scripts(marker)["script"])
     job = write_job(tmp_path / "job.yaml", CUBE, mesh={"file": "mesh.msh"})
     for arguments in (("run", job), ("mesh", "partition", "mesh.msh", "parts.bp", "--parts", 1)):
-        done = hpcinv(1, *arguments, cwd=tmp_path)
+        done = hpcinv_here(*arguments, cwd=tmp_path)
         assert done.returncode == 2
         assert "is not in the MSH format" in done.stderr
     assert not marker.exists()
@@ -189,10 +187,16 @@ def job_with(directory: Path, marker: Path, changes: dict[str, Any]) -> Path:
     return write_job(directory / "job.yaml", CUBE, **{"mesh": {"file": "box.msh"}, **small, **json.loads(text)})
 
 
-@pytest.mark.parametrize("door", ["plugin", "generator", "gmsh script", "viewer", "Python in PETSc"])
+@pytest.mark.parametrize("door", ["plugin", "generator", "gmsh script", "viewer"])
 def test_doors_are_doors(door: str, elsewhere: Path, marker: Path, tmp_path: Path) -> None:
     """Without --untrusted each of them executes or writes something; else the tests below could not fail."""
-    job = job_with(elsewhere, marker, DOORS[door][0])
+    done = hpcinv_here("run", job_with(elsewhere, marker, DOORS[door][0]), "--output", "results", cwd=tmp_path)
+    assert marker.exists(), done.stderr
+
+
+def test_python_in_petsc_is_a_door(elsewhere: Path, marker: Path, tmp_path: Path) -> None:
+    """In a process of its own: PETSc keeps the class."""
+    job = job_with(elsewhere, marker, DOORS["Python in PETSc"][0])
     done = hpcinv(1, "run", job, "--output", "results", cwd=tmp_path, PYTHONPATH=f"{ROOT}:{elsewhere}")
     assert marker.exists(), done.stderr
 
@@ -223,7 +227,7 @@ def test_all_that_is_refused_is_reported_at_once(elsewhere: Path, marker: Path, 
 
 def test_an_untrusted_run_ends_as_any_other_and_stays_untrusted(elsewhere: Path, marker: Path, tmp_path: Path) -> None:
     job = job_with(elsewhere, marker, {"solver": {"petsc": {"snes_linesearch_type": "l2", "mat_mumps_icntl_14": 60}}})
-    done = hpcinv(1, "run", "--untrusted", job, "--output", "results", cwd=tmp_path)
+    done = hpcinv_here("run", "--untrusted", job, "--output", "results", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "results" / "origin.json").read_text())["untrusted"] is True
     job_with(elsewhere, marker, {"plugins": ["plugin.py"]})
@@ -234,10 +238,7 @@ def test_an_untrusted_run_ends_as_any_other_and_stays_untrusted(elsewhere: Path,
 
 
 def assert_fails(text: str, *arguments: str) -> None:
-    """The command refuses before anything parallel is started, in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "hpcinv", *arguments], capture_output=True, text=True, env=environment(), check=False
-    )
+    done = hpcinv_here(*arguments, cwd=ROOT)
     assert done.returncode == 2, done.stderr
     assert text in done.stderr
     assert "Traceback" not in done.stderr
@@ -269,7 +270,7 @@ def test_every_command_that_reads_a_job_takes_untrusted(command: str, elsewhere:
 
 def test_a_mesh_from_elsewhere_can_be_cut_into_parts(elsewhere: Path, tmp_path: Path) -> None:
     arguments = ("mesh", "partition", "--untrusted")
-    done = hpcinv(1, *arguments, elsewhere / "box.msh", tmp_path / "parts.bp", "--parts", 1, cwd=tmp_path)
+    done = hpcinv_here(*arguments, elsewhere / "box.msh", tmp_path / "parts.bp", "--parts", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_fails("is a program", *arguments, str(elsewhere / "generator.py"), str(tmp_path / "b.bp"), "--parts", "1")
     gathered = ("mesh", "gather", "--untrusted", str(tmp_path / "parts.bp"), str(tmp_path / "box.msh"))

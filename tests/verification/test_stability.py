@@ -380,7 +380,7 @@ def test_undecided_verdict_on_screen_in_the_summary_and_in_the_exit_code(tmp_pat
     compiled = {"HPCINV_KERNELS": str(kernels)}
     for ended, code in (
         (hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path), 0),
-        (command(2, "run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path, **compiled), 7),
+        (command(1, "run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path, **compiled), 7),
     ):
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout

@@ -124,7 +124,7 @@ def test_ranks_must_fit_into_groups(run_directory: Path, comm: MPI.Intracomm) ->
     assert ended.stderr.count("--ranks-per-case") == 1
 
 
-STEPS = 60
+STEPS = 40
 
 
 def slow(cases: int) -> list[dict[str, object]]:
@@ -143,7 +143,7 @@ def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_pa
     (saved,) = tmp_path.glob("store/cases/*/*/run-*")
     reached = yaml.safe_load(max(saved.glob("checkpoints/*/state.json")).read_text())["position"]["load"]
     assert 0 < reached < 1
-    ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
+    ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == 0
     for record in records_of(sweep).values():
         assert record is not None
@@ -194,8 +194,8 @@ def test_a_killed_case_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         saved = _wait_for_checkpoint(tmp_path)
         started.kill()
     (tmp_path / "marked").write_text(saved.name)
-    with Started(1, "sweep", "run", sweep, cwd=tmp_path) as again:
-        assert again.exit_code() == 0, again.text
+    again = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
+    assert again.returncode == 0, again.stdout + again.stderr
     (record,) = records_of(sweep).values()
     assert record is not None
     assert record.attempts == 2
@@ -229,7 +229,7 @@ def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(tmp_path: Pat
     with Holder(plan.store) as holder:
         holder.identity = dataclasses.replace(holder.identity, machine="another", token="another-1")
         assert Ledger(plan.store, holder).claim(plan.cases[3].key) is not None
-    ended = hpcinv(2, "sweep", "run", sweep, "--lease", 15, cwd=tmp_path)
+    ended = hpcinv_here("sweep", "run", sweep, "--lease", 15, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert re.findall(r"(?<!first: )case (\d+), ", ended.stdout)[-1] == "3"
     record = records_of(sweep)[3]
@@ -277,7 +277,7 @@ def test_a_full_disk_is_reported_and_the_same_command_goes_on(tmp_path: Path) ->
         pytest.skip(f"no small file system can be mounted here: {mounted.stderr.strip()}")
     try:
         sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 20}])
-        full = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
+        full = hpcinv(1, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
         assert full.returncode == 2, full.stdout + full.stderr
         assert "No space left" in full.stderr
         assert "Traceback" not in full.stderr, full.stderr
@@ -368,7 +368,7 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
         for path in _records(tmp_path):
             now = path.stat().st_ino, path.read_bytes()
             assert committed.setdefault(path, now) == now
-    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     reported += re.findall(r"(?<!first: )case (\d+), ", ended.stdout)
     assert len(reported) == len(set(reported)) <= count
