@@ -47,7 +47,7 @@ def body_on(comm: MPI.Intracomm, name: str, meshes: Path) -> Body:
         ("curved", 3),
     ],
 )
-def test_written_on_two_ranks_it_reads_the_same_on_one_and_three(
+def test_a_checkpoint_of_two_ranks_reads_the_same_on_one_and_three(
     mesh: str, degree: int, comm: MPI.Intracomm, run_directory: Path, meshes: Path
 ) -> None:
     position = Position(0, 0.375, (SOLVES,))
@@ -138,7 +138,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_one_is_refused_with_the_reason_and_the_one_before_is_used(
+def test_a_damaged_checkpoint_is_refused_and_the_previous_one_is_used(
     damage: Callable[[Path], None], three: Checkpoints
 ) -> None:
     path = newest(three)
@@ -161,13 +161,13 @@ def test_a_missing_checkpoint_is_not_an_error(tmp_path: Path) -> None:
     assert Checkpoints(tmp_path / "none", MPI.COMM_SELF, PROBLEM, keep=2).latest() is None
 
 
-def test_one_of_another_problem_is_refused_with_the_difference(three: Checkpoints) -> None:
+def test_a_checkpoint_of_another_problem_is_refused_with_the_difference(three: Checkpoints) -> None:
     three.fingerprint = {"material": {"law": "neo-hookean", "mu": 2.0}}
     with pytest.raises(CheckpointError, match=r"material\.mu: 1\.0 -> 2\.0"):
         three.latest()
 
 
-def test_one_of_another_format_is_refused_by_name(three: Checkpoints) -> None:
+def test_a_checkpoint_of_another_format_is_refused_by_name(three: Checkpoints) -> None:
     path = newest(three) / "state.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 99}))
     with pytest.raises(CheckpointError, match="has format 99"):
@@ -190,7 +190,7 @@ def test_a_checkpoint_of_a_newer_version_is_kept(version: int, three: Checkpoint
     assert path.exists()
 
 
-def test_damaged_ones_never_push_out_one_that_is_whole(three: Checkpoints, meshes: Path) -> None:
+def test_damaged_checkpoints_do_not_replace_an_intact_one(three: Checkpoints, meshes: Path) -> None:
     damaged = newest(three)
     flip_a_byte(damaged)
     three.keep = 2

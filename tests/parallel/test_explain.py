@@ -66,7 +66,7 @@ def test_costs_below_what_is_measured_are_not_negative(capsys: pytest.CaptureFix
     assert re.fullmatch(r"effects\[0\] gravity +- +\+4 +\+0 +~0 +~0 +\+0\.3 ms +\+2\.5%", line.strip())
 
 
-def test_from_the_command_line(tmp_path: Path) -> None:
+def test_explain_runs_from_the_command_line(tmp_path: Path) -> None:
     path = write_job(tmp_path / "cube.yaml", CUBE, effects=[GRAVITY])
     done = hpcinv_here("explain", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -193,7 +193,7 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
 
 
 @pytest.mark.parallel([1, 2])
-def test_iterations_find_what_factors_find(comm: MPI.Intracomm) -> None:
+def test_iterative_and_direct_solvers_agree(comm: MPI.Intracomm) -> None:
     fields = []
     for linear in ("direct", "iterative"):
         solved = Solved(lying(2, comm, hexahedra=True, solver={"linear": linear}), comm)
@@ -202,7 +202,7 @@ def test_iterations_find_what_factors_find(comm: MPI.Intracomm) -> None:
     assert fields[0] == pytest.approx(fields[1], rel=1e-6)
 
 
-def test_layers_that_become_the_same_are_one_again(comm: MPI.Intracomm) -> None:
+def test_layers_with_equal_numbers_give_the_result_of_one_material(comm: MPI.Intracomm) -> None:
     """In one process, in any order, each job is what it is by itself, though jobs of one structure share equations."""
 
     def run(mu: str, workspace: Workspace | None) -> list[float]:

@@ -88,7 +88,7 @@ def members(source: MeshSource, group: Group) -> list[list[int]]:
 
 
 @pytest.mark.parallel(3)
-def test_rows_are_found_wherever_they_are(comm: MPI.Intracomm) -> None:
+def test_distributed_rows_are_fetched_from_any_rank(comm: MPI.Intracomm) -> None:
     random = np.random.default_rng(comm.rank)
     for counts in ((4, 0, 7), (0, 5, 1), (0, 0, 3)):
         rows = Rows.distributed(comm, counts[comm.rank])

@@ -69,7 +69,7 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(
 
 
 @pytest.mark.parametrize("missing", ["pydantic", "rich"])
-def test_on_several_ranks_it_is_named_once(missing: str, tmp_path: Path) -> None:
+def test_a_missing_package_is_named_once_on_several_ranks(missing: str, tmp_path: Path) -> None:
     """Only rank 0 imports rich."""
     ended = _without(missing, command(2, "run", "column.yaml"), tmp_path)
     assert ended.returncode == 5, ended.stderr
@@ -77,7 +77,7 @@ def test_on_several_ranks_it_is_named_once(missing: str, tmp_path: Path) -> None
     assert len(ended.stderr.splitlines()) == 2, ended.stderr
 
 
-def test_a_sweep_names_it_though_other_processes_solve_its_cases(tmp_path: Path) -> None:
+def test_a_sweep_names_a_missing_package_of_its_solver_processes(tmp_path: Path) -> None:
     sweep = {"sweep": "column", "job": "column.yaml", "store": "store", "axes": [{"grid": {"material.mu": [1e4, 2e4]}}]}
     (tmp_path / "sweep.yaml").write_text(json.dumps(sweep))
     ended = _without("cffi", command(1, "sweep", "run", "sweep.yaml"), tmp_path)

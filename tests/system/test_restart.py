@@ -128,7 +128,7 @@ def assert_history_goes_on(run: Path, position: dict[str, Any], output: str) -> 
 
 
 @pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.release), 3])
-def test_killed_on_two_ranks_it_goes_on_with_any_number(ranks: int, copy: Path, whole: Path) -> None:
+def test_a_run_killed_on_two_ranks_goes_on_with_any_number(ranks: int, copy: Path, whole: Path) -> None:
     position = state(newest(copy))
     assert steps_behind(position) >= 2
     shutil.copytree(newest(copy), copy / "checkpoints" / ".partial-0099")
@@ -139,7 +139,7 @@ def test_killed_on_two_ranks_it_goes_on_with_any_number(ranks: int, copy: Path, 
     assert not list((copy / "checkpoints").glob(".partial*"))
 
 
-def test_killed_while_it_wrote_a_checkpoint_it_goes_on_from_the_one_before(place: Path, whole: Path) -> None:
+def test_a_run_killed_while_writing_a_checkpoint_goes_on_from_the_previous(place: Path, whole: Path) -> None:
     script = place / "kill_while_writing.py"
     script.write_text(KILL_WHILE_WRITING)
     assert hpcinv(1, "run", "forward.yaml", "--output", "writing", cwd=place, script=script).returncode != 0
@@ -217,7 +217,7 @@ def test_a_finished_run_is_reported_as_finished(whole: Path, place: Path) -> Non
     assert (whole / "summary.json").read_bytes() == before
 
 
-def test_a_run_that_came_to_the_end_but_for_its_results_gives_them(whole: Path, tmp_path: Path) -> None:
+def test_a_run_killed_before_its_results_writes_them_on_resume(whole: Path, tmp_path: Path) -> None:
     run = Path(shutil.copytree(whole, tmp_path / "copy"))
     for result in ("summary.json", "summary.h5", "shape.msh"):
         (run / result).unlink()
@@ -429,7 +429,7 @@ def test_the_last_state_is_the_given_one(states: Path) -> None:
         pytest.param("from turned\nforward:", 1, marks=pytest.mark.release),
     ],
 )
-def test_killed_between_states_and_within_one_it_goes_on(after: str, ranks: int, states: Path, tmp_path: Path) -> None:
+def test_a_run_killed_between_or_within_states_goes_on(after: str, ranks: int, states: Path, tmp_path: Path) -> None:
     with Started(2, "run", states.parent / "states.yaml", "--output", "killed", cwd=tmp_path) as started:
         started.wait_for(after)
         time.sleep(random.uniform(0.0, 0.3))

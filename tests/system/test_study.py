@@ -177,7 +177,7 @@ def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
     StudyDirectory(begun, "column")
 
 
-def test_the_hash_follows_what_result_and_time_depend_on(tmp_path: Path) -> None:
+def test_the_key_of_a_run_follows_all_inputs_of_result_and_time(tmp_path: Path) -> None:
     mesh = tmp_path / "box.py"
     mesh.write_bytes(Path(COLUMN["mesh"]["file"]).read_bytes())
 

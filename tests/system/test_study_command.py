@@ -188,7 +188,7 @@ def kept(directory: Path) -> dict[Path, tuple[int, bytes]]:
     return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(directory)}
 
 
-def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place: Path) -> None:
+def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> None:
     with Started(1, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for("\n[3/")
         started.send(signal.SIGTERM, started.ranks())
@@ -219,7 +219,7 @@ def test_stopped_by_a_signal_and_killed_it_goes_on_and_does_nothing_twice(place:
 
 
 @pytest.mark.release
-def test_killed_at_random_moments_it_repeats_nothing_that_was_committed(place: Path) -> None:
+def test_a_study_killed_at_random_moments_repeats_no_committed_run(place: Path) -> None:
     """Kills fall into the start, a run, or a commit; each time all that was committed stays as it is."""
     random, before = Random(7), dict[Path, tuple[int, bytes]]()
     for _ in range(3):

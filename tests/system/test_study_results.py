@@ -26,7 +26,7 @@ from hpcinv.studies.study.work_precision import work_precision
 # Numbers
 
 
-def test_the_front_is_what_no_other_point_beats() -> None:
+def test_no_other_point_beats_those_of_the_pareto_front() -> None:
     points = [(1.0, 9.0), (2.0, 5.0), (2.0, 6.0), (3.0, 5.0), (4.0, 1.0), (None, 0.1), (0.5, None), (4.0, 1.0)]
     assert front(points) == [True, True, False, False, True, False, False, True]
 

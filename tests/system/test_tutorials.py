@@ -52,14 +52,14 @@ def test_commands_without_a_solve(page: Path, directory: Path) -> None:
     "page",
     [pytest.param(page, marks=() if page.stem in SHORT else pytest.mark.release, id=page.stem) for page in TUTORIALS],
 )
-def test_whole_tutorials(page: Path, directory: Path) -> None:
+def test_commands_of_whole_tutorials_run(page: Path, directory: Path) -> None:
     assert commands(page)
     type_all(page, directory, re.compile(""), daily=page.stem in SHORT)
 
 
 @pytest.mark.everyday("True")
 @pytest.mark.parametrize("daily", [True, False])
-def test_the_way_from_a_surface_to_a_report(daily: bool, directory: Path) -> None:
+def test_the_tutorial_from_a_surface_to_a_report_runs(daily: bool, directory: Path) -> None:
     """With the ellipsoid of the page."""
     type_all(OWN_MESH, directory, re.compile(""), daily=daily)
     assert (directory / "results" / "job" / "report.html").is_file()

@@ -153,7 +153,7 @@ def test_the_cheapest_that_is_enough_is_chosen() -> None:
     assert getattr(choose(smooth, factors, many, limit=10**9, highest=2), "kind", None) == "everywhere"
 
 
-def test_within_a_limit_what_comes_nearest_is_chosen_if_it_is_worth_it() -> None:
+def test_the_mesh_nearest_to_the_demand_within_the_limit_is_chosen() -> None:
     forecast = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
     n = forecast.last.unknowns
     choice = choose(forecast, [1.1, 1.5, 2.0], None, limit=4 * n, highest=2)
@@ -218,7 +218,7 @@ def test_other_meshes_bound_a_misleading_estimate(order: float, sizes: Sequence[
     assert error <= last.bounds["q"] <= 5 * error
 
 
-def test_one_mesh_does_not_determine_its_rate() -> None:
+def test_one_mesh_determines_no_rate_of_convergence() -> None:
     trials = findings(lambda h: 1e-6, [1.0])
     assert judged(trials, None)[0].excess == pytest.approx(2 * 1e-6 / 1e-3)
     assert math.isinf(judged(trials, 2.0)[0].excess)

@@ -64,7 +64,7 @@ def test_linear_properties_are_read_as_archives_have_them(lines: str) -> None:
     assert not deck.unused
 
 
-def test_what_is_not_read_of_an_archive_is_listed() -> None:
+def test_unread_commands_of_an_archive_are_listed() -> None:
     more = "MPDATA,EX,1,,10.,20.\nMP,EY,1,3.\nCERIG,1,2\nSFE,1,1,PRES,,1\n/GOPR\n*IF,a,EQ,1,THEN\nb=3\n"
     unused = ", ".join(read_deck(archive(more=more), {}).unused)
     for name in ("EX of material 1 at further temperatures", "MP,EY of material 1", "CERIG", "SFE"):

@@ -110,7 +110,7 @@ def test_absurd_sizes_are_refused_before_surfaces_are_meshed(
     assert time.process_time() - began < 60  # their surfaces alone would take hours
 
 
-def test_the_limit_is_the_jobs_and_holds_for_what_is_made_in_other_ways(tmp_path: Path) -> None:
+def test_maximum_cells_holds_for_all_generators_and_refined_meshes(tmp_path: Path) -> None:
     path = generator(tmp_path, BY_POINTS)
     made = len(read_source(spec(path, maximum_cells=2000), path).cells)
     assert 200 < made < 2000

@@ -54,7 +54,7 @@ def test_the_other_entries_decide(between: str, columns: list[str], values: list
         ["1,234\t1", "1.234\t2"],
     ],
 )
-def test_what_nothing_decides_is_refused(lines: list[str]) -> None:
+def test_a_column_without_a_clear_decimal_mark_is_refused(lines: list[str]) -> None:
     with pytest.raises(ValueError, match=r"may be 1\.\d+ or 1\d{3}, and the other entries do not decide"):
         numbers("\n".join(lines))
 

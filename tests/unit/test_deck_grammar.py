@@ -62,7 +62,7 @@ def test_no_keyword_and_no_option_passes_without_a_word(tmp_path: Path) -> None:
     assert not silent
 
 
-def test_what_counts_as_used_is_named_where_files_are_read() -> None:
+def test_options_counted_as_used_occur_in_the_readers() -> None:
     places = [*(ROOT / "hpcinv/formats/cards").glob("abaqus*.py"), *(ROOT / "hpcinv/base/reading").glob("*.py")]
     source = "".join(path.read_text() for path in places if path.name != "abaqus_options.py")
     spelled = {"INCLUDE": "INCLUDE|", "INPUT": "INPUT"}  # in a pattern of lines

@@ -159,7 +159,7 @@ def test_headers_that_contradict_themselves_are_refused(
         read_labels(path, {"liver": [1]}, 1e-3)
 
 
-def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dicom_segmentations_run_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "seg.dcm", masks())
     options = ["--label", "liver=Liver,2", "--size", "8 mm"]
     assert main(["mesh", "from-image", str(path), str(tmp_path / "liver.msh"), *options]) == 0

@@ -70,7 +70,7 @@ def test_only_one_module_follows_includes() -> None:
 
 
 @pytest.mark.parametrize("suffix", LINES)
-def test_a_child_finds_what_the_command_finds(
+def test_includes_followed_in_a_child_process_give_the_same_mesh(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     path = deck(tmp_path, suffix)

@@ -105,9 +105,7 @@ NOT_STRESS_FREE = "is not stress-free at F = I, where it "
         ("mu*(I1_bar - 3) +", {"mu": "2 kPa"}, "is not a formula"),
     ],
 )
-def test_an_energy_that_is_none_is_refused_in_one_sentence(
-    energy: str, parameters: dict[str, Any], message: str
-) -> None:
+def test_invalid_energies_are_refused_in_one_sentence(energy: str, parameters: dict[str, Any], message: str) -> None:
     (problem,) = problems(energy=energy, parameters=parameters, kappa="1 MPa")
     assert problem.startswith("energy: ")
     assert message in problem
@@ -128,7 +126,7 @@ def test_an_energy_that_is_none_is_refused_in_one_sentence(
         ({"energy": "mu*(I1_bar - 3)", "kappa": "1 mm"}, "kappa: must be a stress"),
     ],
 )
-def test_a_law_that_is_none_is_refused_in_one_sentence(data: dict[str, Any], message: str) -> None:
+def test_inadmissible_formula_laws_are_refused_in_one_sentence(data: dict[str, Any], message: str) -> None:
     (problem,) = problems(parameters={"mu": "2 kPa"}, **data)
     assert message in problem
 
@@ -162,7 +160,7 @@ def test_parameters_keep_their_dimension_through_json() -> None:
     assert formula("n*(1 Pa)*(I1_bar - 3)", 1.0, n=3).model_dump(mode="json")["parameters"] == {"n": 3.0}
 
 
-def test_the_job_learns_what_a_law_needs() -> None:
+def test_a_formula_law_states_its_fibres_and_formulation() -> None:
     law = formula("mu*(I1_bar - 3) + mu*(I4_muscle - 1)**2 + mu*I8_s_f**2", "incompressible", mu="2 kPa")
     assert law.families == {"muscle": "energy", "f": "energy", "s": "energy"}
     assert law.is_split

@@ -97,7 +97,7 @@ def test_images_that_exceed_the_memory_are_refused(tmp_path: Path, monkeypatch: 
         read_labels(image, {"a": [1]}, 1e-3)
 
 
-def test_other_frames(tmp_path: Path) -> None:
+def test_image_orientation_may_be_another_right_handed_frame(tmp_path: Path) -> None:
     image, said = written(tmp_path / "ball.nii.gz", ball(), origin=(100, 10, 1)), list[str]()
     source = meshed(image, said, orientation="SRA")
     middle = (source.points.min(axis=0) + source.points.max(axis=0)) / 2 * 1e3
@@ -107,7 +107,7 @@ def test_other_frames(tmp_path: Path) -> None:
         meshed(image, orientation="LAS")
 
 
-def test_other_units(tmp_path: Path) -> None:
+def test_images_may_have_any_length_unit(tmp_path: Path) -> None:
     image = written(tmp_path / "cells.nii.gz", ball())
     assert volumes(meshed(image, unit="um", size="4 um"))["ball"] == pytest.approx(ball().sum() * 1e-18, rel=0.01)
 

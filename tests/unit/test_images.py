@@ -365,7 +365,7 @@ def test_nodes_are_held_back_where_cells_would_be_inverted() -> None:
     assert "; 6 held back" in said[0]
 
 
-def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_jobs_on_images_run_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image, mesh = written(tmp_path / "ball.nii.gz", ball()), tmp_path / "ball.vtu"
     assert main(["mesh", "from-image", str(image), str(mesh), "--label", "ball=1", "--size", "4 mm"]) == 0
     assert "ball|outside" in capsys.readouterr().out

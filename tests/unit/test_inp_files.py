@@ -246,7 +246,7 @@ def test_faults_are_named_with_their_line(text: str, message: str, tmp_path: Pat
     assert message in refused.value.message
 
 
-def test_what_calculix_ignores_is_ignored_and_noted(tmp_path: Path) -> None:
+def test_text_that_calculix_ignores_is_ignored_and_noted(tmp_path: Path) -> None:
     path = tmp_path / "a.inp"
     path.write_text(f">**\n  a tetrahedron\n{TET.replace('1,1,2,3,4', '1,1,2,3,4, 9, 8,')}")
     source = read(path)

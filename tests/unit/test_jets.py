@@ -140,7 +140,7 @@ def test_no_digits_of_the_stress_are_lost_however_small_the_strain(name: str) ->
     assert not stress(np.zeros((3, 3))).any()
 
 
-def test_the_formula_as_it_is_written_would_lose_them() -> None:
+def test_formulas_as_written_lose_digits_at_small_strain() -> None:
     """So that the test above means something."""
     written = law("neo-Hookean")
 

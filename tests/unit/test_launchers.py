@@ -25,7 +25,7 @@ def test_mpis_that_speak_pmix_take_it(library: str) -> None:
     assert variables == PMIX
 
 
-def test_mpich_without_pmix_does_not() -> None:
+def test_mpich_without_pmix_refuses_a_launcher_of_pmix() -> None:
     with pytest.raises(SystemPartMissing, match=r"speaks PMIx, which MPICH 5\.0\.2"):
         adapt_to_launcher(MPICH, dict(PMIX))
 

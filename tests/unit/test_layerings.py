@@ -42,7 +42,7 @@ def classes(layered_job: Job) -> list[Any]:
         (SOFT | {"mu": "1e4 + 1e4*z"}, []),
     ],
 )
-def test_regions_that_are_equal_are_one_layer(material: Any, expected: list[Any]) -> None:
+def test_regions_of_equal_materials_are_one_layer(material: Any, expected: list[Any]) -> None:
     assert classes(layered(material)) == expected
 
 

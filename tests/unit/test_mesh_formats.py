@@ -40,7 +40,7 @@ except MeshError as error:
 """
 
 
-def test_the_format_of_the_page_is_one_file(tmp_path: Path) -> None:
+def test_a_mesh_format_is_added_in_one_file(tmp_path: Path) -> None:
     """It is read without a change of another file, its regions are known without numpy, and bad input is refused."""
     section = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Add a mesh format\n")[2]
     (code, *_) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)

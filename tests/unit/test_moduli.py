@@ -50,7 +50,7 @@ def test_any_two_moduli_determine_the_others(pair: tuple[str, str]) -> None:
 
 
 @pytest.mark.parametrize("name", ISOTROPIC)
-def test_every_isotropic_law_takes_them(name: str) -> None:
+def test_every_isotropic_law_takes_any_two_moduli(name: str) -> None:
     law = ISOTROPIC[name]
     for pair in combinations(ALL, 2):
         settings_read = law.model_validate({**others(law), **{modulus: ALL[modulus] for modulus in pair}})
@@ -58,7 +58,7 @@ def test_every_isotropic_law_takes_them(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ISOTROPIC)
-def test_one_of_them_goes_with_a_parameter_that_is_given(name: str) -> None:
+def test_isotropic_laws_take_one_modulus_and_the_other_parameters(name: str) -> None:
     law = ISOTROPIC[name]
     assert law.replaceable is not None
     example = law.model_validate(law.example)

@@ -65,7 +65,7 @@ def test_way_through_an_obstacle_ends_just_inside(obstacle: Obstacle) -> None:
         ((0.01, 0, -0.24), (0.05, 0, -1)),  # out of it
     ],
 )
-def test_other_ways_lead_to_their_ends(obstacle: Obstacle, start: Any, end: Any) -> None:
+def test_ways_that_cross_no_obstacle_are_whole(obstacle: Obstacle, start: Any, end: Any) -> None:
     assert way(obstacle, start, end) == np.inf
 
 

@@ -211,7 +211,7 @@ def test_vtk_reads_the_sets_of_exodus_files(hexahedra: bool, degree: int, tmp_pa
 
 
 @pytest.mark.usefixtures("same_process")
-def test_bricks_of_27_nodes_keep_them(tmp_path: Path) -> None:
+def test_bricks_of_27_nodes_keep_all_nodes(tmp_path: Path) -> None:
     """C3D27 with a face node that 20 nodes would have elsewhere."""
     whole = box(True, 2)
     for suffix in (".inp", ".e"):
@@ -350,7 +350,7 @@ def test_a_file_that_is_cut_is_refused_by_its_own_process(suffix: str, tmp_path:
     assert "Error:" not in refused.value.message
 
 
-def test_what_a_format_cannot_hold_is_reported(tmp_path: Path) -> None:
+def test_data_that_a_format_cannot_hold_are_reported(tmp_path: Path) -> None:
     source = box(False, 2)
     for suffix, message in ((".mesh", "curved cells are not possible"), (".cdb", "the name 'a b' is not possible")):
         renamed = MeshSource(**(vars(source) | {"groups": (Group("a b", 3, 1, np.arange(2)),)}))

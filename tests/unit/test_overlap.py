@@ -144,7 +144,7 @@ def facets(kind: str, degree: int, tags: Any, nodes: Any) -> Surface:
     return Surface(kind, degree, rows, np.array(nodes, dtype=float)[rows], np.ones(len(rows), dtype=bool))
 
 
-def test_neighbours_that_cross_elsewhere_count_and_what_they_share_does_not() -> None:
+def test_shared_corners_and_edges_of_neighbours_are_no_overlap() -> None:
     # One corner is shared; the second triangle stands across the first, or next to it.
     flat = [(0, 0, 0), (4, -1, 0), (4, 1, 0)]
     assert find_overlap(facets("triangle", 1, [(0, 1, 2), (0, 3, 4)], [*flat, (3, 0, 1), (3, 0, -1)])).pairs == 1

@@ -165,7 +165,7 @@ def test_programs_are_kept_and_read_again() -> None:
         assert len(made) == 3
 
 
-def test_what_programs_do_not_have_is_named() -> None:
+def test_operators_that_programs_lack_are_named() -> None:
     space = fem.functionspace(CUBE, ("N1curl", 1))
     for expression, reason in (
         (fem.Function(space)[0], "element"),
@@ -235,7 +235,7 @@ def test_cells_that_come_unexpectedly_are_computed_alone(monkeypatch: pytest.Mon
         np.testing.assert_allclose(assembled(form), expected, rtol=0, atol=4e-16 * np.abs(expected).max())
 
 
-def test_what_is_raised_in_a_kernel_is_raised_by_the_assembly(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exceptions_in_a_kernel_are_raised_by_the_assembly(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt
 

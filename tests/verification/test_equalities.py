@@ -40,7 +40,7 @@ def test_equal_runs_of_a_drawn_scene(seed: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parallel(2)
-def test_two_ranks_find_what_one_finds(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_two_ranks_give_the_results_of_one(comm: MPI.Intracomm, run_directory: Path) -> None:
     rng = np.random.default_rng(4)
     scene = scene_of(block(rng, hexahedra=False), "neo-hookean", ["gravity", "traction"], "inverse", 1)
     alone = solved(scene, run_directory / f"alone-{comm.rank}.msh", MPI.COMM_SELF)

@@ -62,7 +62,7 @@ def sphere(identification: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def test_one_factor_of_two_stiffnesses_from_a_filling_curve(comm: MPI.Intracomm, tmp_path: Path) -> None:
+def test_a_filling_curve_determines_a_factor_of_two_stiffnesses(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """The curve of the true sphere, whose unloaded volume is not known, gives both stiffnesses."""
     unloaded = root(lambda radius: pressure(radius, 1.0) - GIVEN, 0.7, 0.999)
     radii = [root(lambda inner, by=by: pressure(unloaded, inner) - by, unloaded, 1.4) for by in PRESSURES]  # type: ignore[misc]

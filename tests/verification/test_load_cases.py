@@ -104,7 +104,7 @@ def test_the_path_meets_the_end_of_each_case_and_ends_where_all_loads_at_once_en
         assert middles[1] < 1e-11
 
 
-def test_the_inverse_path_does_so_too_and_what_names_no_case_belongs_to_the_first(comm: MPI.Intracomm) -> None:
+def test_inverse_paths_follow_load_cases_and_the_first_takes_loads_without_case(comm: MPI.Intracomm) -> None:
     inverse = {"analysis": "inverse"}
     together = LoadPath.of(comm, effects=[WEIGHT, PUSH], supports=[HELD, MOVED], **inverse)
     push = LoadPath.of(comm, effects=[WEIGHT | {"density": 0}, PUSH], supports=[HELD, MOVED], **inverse)

@@ -375,7 +375,9 @@ def test_regions_that_the_mesh_lacks_are_refused_before_the_solve(comm: MPI.Intr
     ],
 )
 @pytest.mark.parallel(2)
-def test_the_command_line_refuses_it_with_2_on_two_ranks(material: Any, text: str, run_directory: Path) -> None:
+def test_invalid_materials_of_regions_end_two_ranks_with_exit_code_2(
+    material: Any, text: str, run_directory: Path
+) -> None:
     stated = {"formulation": "displacement"}
     file = write_job(run_directory / "job.yaml", CUBE, material=material, discretisation=stated)
     done = hpcinv_here("run", file, cwd=run_directory)

@@ -290,7 +290,7 @@ def test_an_iterative_solver_knows_no_sign_on_either_mesh(comm: MPI.Intracomm, b
     assert note_on_limit_points(result).startswith("an iterative solver does not provide")
 
 
-def test_by_default_it_is_taken_where_it_is_forecast_to_pay(
+def test_nested_iteration_is_the_default_where_it_is_forecast_to_pay(
     comm: MPI.Intracomm, bar: Callable[..., Job], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert hpcinv.run(bar(), comm).solutions[0].coarse is None  # the body is small

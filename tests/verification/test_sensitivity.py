@@ -343,7 +343,7 @@ def test_young_and_poisson_are_the_same_law_by_other_numbers(comm: MPI.Intracomm
         np.testing.assert_allclose(nodes[f"material.{name}"], expected, rtol=0, atol=1e-12 * size)
 
 
-def test_of_a_round_trip_it_is_the_first_solution(comm: MPI.Intracomm) -> None:
+def test_sensitivities_of_a_round_trip_are_of_its_first_solution(comm: MPI.Intracomm) -> None:
     keys = {"material.mu": 100.0}
     alone = of(package.run(squeezed(analysis="inverse", sensitivities=keys), comm))
     result = package.run(squeezed(analysis="round_trip", sensitivities=keys), comm)

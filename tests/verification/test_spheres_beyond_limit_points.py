@@ -162,7 +162,7 @@ def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None
         assert out_of_round(result) < 0.05
 
 
-def test_the_other_root_where_it_is_lost_is_said_with_advice_that_holds(comm: MPI.Intracomm) -> None:
+def test_an_unreachable_second_solution_is_reported_with_valid_advice(comm: MPI.Intracomm) -> None:
     """Beyond a radius of 0.5 the equations are not elliptic; a coarse mesh does not come to the second root there."""
     with pytest.raises(SolveError, match="beyond the first solution at full load, no other was reached") as caught:
         soft_sphere(comm, 2, 0.3, hexahedra=True, limit_points=1)

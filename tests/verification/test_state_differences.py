@@ -96,7 +96,7 @@ def test_faults_of_states_are_named(changes: dict[str, Any], message: str) -> No
         job(**COLUMN, quantities=[quantity])
 
 
-def test_from_needs_states() -> None:
+def test_a_quantity_from_a_state_needs_states() -> None:
     plain = {key: value for key, value in COLUMN.items() if key != "states"}
     with pytest.raises(JobError, match="there is no loaded state 'standing'"):
         job(**plain, effects=[gravity(1)], quantities=[{"name": "way", "from": "standing", **TOP}])

@@ -32,7 +32,7 @@ def farthest(solution: Solution, points: np.ndarray, others: np.ndarray) -> floa
 
 
 @pytest.mark.parallel([2, 1])
-def test_loaded_again_a_body_is_the_given_one(comm: MPI.Intracomm) -> None:
+def test_an_unloaded_body_loaded_again_is_the_given_body(comm: MPI.Intracomm) -> None:
     """On curved cells, with moduli, densities and fibres given on the given body; directly, and by way of others."""
     soft = {"law": "neo-hookean", "mu": "10 kPa*(1 + x/(1 m) + z*z/(1 m)/(1 m))", "lam": "40 kPa"}
 

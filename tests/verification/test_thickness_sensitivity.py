@@ -88,7 +88,9 @@ def test_slopes_are_differences_of_whole_runs(analysis: str, comm: MPI.Intracomm
         ),
     ],
 )
-def test_what_has_no_derivative_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_thickness_sensitivities_without_derivative_are_refused(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     path = save_sheet(tmp_path / "sheet.msh", 1, 1, flat(1, 0.5))
     with pytest.raises(JobError, match=message):
         job(**sheet(path, **{"sensitivities": [KEY]} | changes))

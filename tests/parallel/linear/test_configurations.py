@@ -43,7 +43,7 @@ PRESETS = ("direct", "iterative")
 @pytest.mark.release
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
-def test_both_presets_give_one_answer(material: str, analysis: str, comm: MPI.Intracomm) -> None:
+def test_both_linear_solver_presets_give_the_same_answer(material: str, analysis: str, comm: MPI.Intracomm) -> None:
     agree_on(material, analysis, comm)
 
 

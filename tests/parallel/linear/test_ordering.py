@@ -110,7 +110,9 @@ def test_petsc_orders_blocks_of_displacements(comm: MPI.Intracomm) -> None:
     equilibrium.destroy()
 
 
-def test_other_petsc_orders_unknowns(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_petsc_without_our_ordering_orders_unknowns_itself(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One that lacks the function."""
     monkeypatch.setattr(ordering, "_petsc_function", lambda: None)
     model = model_of(MIXED, comm)

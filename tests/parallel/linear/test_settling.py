@@ -45,7 +45,7 @@ def diagonal(comm: Any, entries: np.ndarray, test: Settling | None, tolerance: f
 
 
 @pytest.mark.parallel([1, 2])
-def test_a_soft_system_goes_on_and_a_stiff_one_does_not(comm: MPI.Intracomm) -> None:
+def test_soft_systems_are_corrected_for_longer_than_stiff_ones(comm: MPI.Intracomm) -> None:
     soft, stiff = np.geomspace(1e-3, 1.0, 60), np.geomspace(0.1, 1.0, 60)
     assert diagonal(comm, soft, None, 1e-2)[0] > 0.3  # the residual says that this is as good
     assert diagonal(comm, stiff, None, 1e-2)[0] < 0.05  # as this is

@@ -181,7 +181,7 @@ def wait_for(workers: Workers, what: str) -> Event:
     return events[0]
 
 
-def test_one_who_wakes_up_after_his_case_was_taken_over_changes_nothing(workers: Workers) -> None:
+def test_a_process_whose_case_was_taken_over_changes_nothing(workers: Workers) -> None:
     """The worker is on another machine and seen by its heartbeat only; both stop, as on a node that hangs."""
     log = workers.start(KEY, "--hold", "--elsewhere")
     stopped = workers.running[0].pid

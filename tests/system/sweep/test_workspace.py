@@ -136,12 +136,12 @@ def differs(first: Result, other: Result) -> float:
 @pytest.mark.everyday("name in a region", "term of a law", "fields", "round trip")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("pair", PAIRS)
-def test_a_run_after_another_finds_what_it_finds_alone(pair: str, comm: MPI.Intracomm) -> None:
+def test_a_second_run_in_a_process_gives_the_same_results_as_alone(pair: str, comm: MPI.Intracomm) -> None:
     check_as_alone(*PAIRS[pair], comm)
 
 
 @pytest.mark.parallel([2])
-def test_a_run_after_another_on_two_ranks_finds_what_it_finds_alone(comm: MPI.Intracomm) -> None:
+def test_a_second_run_on_two_ranks_gives_the_same_results_as_alone(comm: MPI.Intracomm) -> None:
     check_as_alone(*PAIRS["numbers"], comm)
 
 

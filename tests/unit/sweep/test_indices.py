@@ -399,7 +399,7 @@ def test_shapes_of_different_meshes(
     ],
 )
 @pytest.mark.parametrize("option", [(), ("--plan",)])
-def test_axes_that_have_no_indices(
+def test_indices_are_refused_for_unsuitable_axes(
     axes: list[dict[str, Any]],
     fault: str,
     option: tuple[str, ...],

@@ -279,7 +279,7 @@ def elsewhere(store: Path) -> Iterator[Holder]:
         yield other
 
 
-def test_one_elsewhere_is_dead_when_its_heartbeat_stands_still_for_the_lease(
+def test_a_process_elsewhere_is_dead_after_a_lease_without_heartbeat(
     ledger: Ledger, store: Path, elsewhere: Holder, clock: Callable[[float], None]
 ) -> None:
     assert Ledger(store, elsewhere).claim(KEY) is not None
@@ -301,7 +301,7 @@ def test_one_elsewhere_is_dead_when_its_heartbeat_stands_still_for_the_lease(
     assert not elsewhere.heartbeat.exists()  # nobody needs it any more
 
 
-def test_one_elsewhere_without_a_heartbeat_is_dead_after_the_lease(
+def test_a_process_elsewhere_that_never_had_a_heartbeat_is_dead_after_the_lease(
     ledger: Ledger, store: Path, elsewhere: Holder, clock: Callable[[float], None]
 ) -> None:
     assert Ledger(store, elsewhere).claim(KEY) is not None

@@ -155,7 +155,9 @@ def test_a_store_that_is_not_there_has_only_open_cases(tmp_path: Path) -> None:
 # File systems with manners of their own
 
 
-def test_without_hard_links_it_works_all_the_same(ledger: Ledger, store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ledger_files_are_created_without_hard_links(
+    ledger: Ledger, store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_links(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 

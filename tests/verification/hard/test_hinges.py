@@ -152,7 +152,7 @@ def test_several_nodes_on_one_line_are_a_hinge(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parallel(2)
-def test_of_a_chain_its_first_joint_is_described(comm: MPI.Intracomm) -> None:
+def test_the_first_hinge_of_a_chain_is_described(comm: MPI.Intracomm) -> None:
     report = refusal(comm, voxels([(i, i, 0) for i in range(5)], divisions=1), {"left": "xyz"})
     assert report == (
         "voxels.msh: a part of 1 cell around (1.5, 1.5, 0.5) mm touches the rest of the body only at nodes between"
@@ -191,7 +191,7 @@ def test_hinges_of_very_many_parts_are_found(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.parallel(2)
-def test_the_command_line_reports_it_once_before_the_solve(run_directory: Path) -> None:
+def test_hinges_are_reported_once_before_the_solve(run_directory: Path) -> None:
     source = voxels(EDGE)
     SAVERS[".vtu"](run_directory / "doors.vtu", source, source.points / 1e-3)
     changes = {

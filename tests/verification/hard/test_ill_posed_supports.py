@@ -133,7 +133,7 @@ def test_the_axis_of_a_turn_is_where_nothing_moves() -> None:
     assert text == "turn about the axis through (0, 0, 5) m along (0.447214, 0.894427, 0)"
 
 
-def test_a_screw_is_called_one() -> None:
+def test_a_free_screw_motion_is_named_screw() -> None:
     """All but a turn about z that takes the body along z with it."""
     screw = np.array([0, 0, 0.5, 0, 0, 1.0])
     rows = np.linalg.svd(screw[None])[2][1:]
@@ -177,7 +177,7 @@ def test_supports_of_different_load_cases_contradict_each_other_on_the_way(
 
 
 @pytest.mark.parallel(2)
-def test_the_command_line_reports_it_once_with_exit_code_2(run_directory: Path) -> None:
+def test_contradicting_supports_are_reported_once_with_exit_code_2(run_directory: Path) -> None:
     ended = command("run", JOBS / "contradicting-supports.yaml", cwd=run_directory)
     assert ended.returncode == 2
     assert ended.stderr.count("supports[0].fix and supports[1].displacement: 0 m and 0.1 m along x") == 1
