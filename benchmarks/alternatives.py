@@ -33,7 +33,6 @@ from hpcinv.job.job import Job, parse
 from hpcinv.model.assembly.tangent import FormTangent
 from hpcinv.model.spaces import Unknowns
 from hpcinv.output.result import Result
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.linear.factorization import Direct
 
 JOB = Path(__file__).parents[1] / "jobs" / "thick-sphere.yaml"
@@ -184,15 +183,14 @@ def fewer_points() -> None:
     print("tangent with fewer quadrature points than the residual")
     for hexahedra, degree, what in ((True, 3, "8 of 27"), (False, 1, "1 of 4")):
 
-        def create(self: FormTangent, weak_form: Any, jit_options: Any = JIT_OPTIONS) -> None:
+        def create(self: FormTangent, weak_form: Any) -> None:
             integrals = weak_form.residual.integrals()
             cells = [i for i in integrals if i.integral_type() == "cell"]
             rest = [i for i in integrals if i.integral_type() != "cell"]
             fewer = [i.reconstruct(metadata={**i.metadata(), "quadrature_degree": degree}) for i in cells]  # noqa: B023
             state, trial = weak_form.unknowns.state, ufl.TrialFunction(weak_form.unknowns.space)
             form = ufl.derivative(ufl.Form([*fewer, *rest]), state, trial)
-            self._options = dict(jit_options)
-            self._form = fem.form(form, jit_options=self._options)
+            self._form = fem.form(form)
 
         with mock.patch.object(FormTangent, "__init__", create):
             try:

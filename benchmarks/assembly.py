@@ -28,7 +28,6 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
 from hpcinv.model.assembly.csr_tangent import FilledTangent
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 JOBS = Path(__file__).parents[1] / "jobs"
@@ -97,7 +96,7 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     model = model_of(data)
     weak_form, conditions = model.weak_form(data["analysis"]), model.supports.conditions
     weak_form.parameters.set_load(1.0)
-    form = fem.form(ufl.derivative(weak_form.residual, weak_form.unknowns.state), jit_options=JIT_OPTIONS)
+    form = fem.form(ufl.derivative(weak_form.residual, weak_form.unknowns.state))
     theirs = fem_petsc.create_matrix(form)
     tangent = FilledTangent(weak_form)
     matrix, assemble = tangent.create_matrix(conditions)
@@ -127,20 +126,6 @@ def profile(name: str, data: dict[str, Any], repeat: int) -> None:
     )
 
 
-def compare_flags(repeat: int) -> None:
-    model = model_of(CASES["beam"])
-    weak_form = model.weak_form("inverse")
-    ways: dict[str, Callable[[], object]] = {}
-    seconds: dict[str, float] = {}
-    for flags in FLAGS:
-        start = time.perf_counter()
-        tangent = FilledTangent(weak_form, JIT_OPTIONS | {"cffi_extra_compile_args": [*flags, "-g0"]})
-        seconds[" ".join(flags)] = time.perf_counter() - start
-        _, ways[" ".join(flags)] = tangent.create_matrix(model.supports.conditions)
-    for name, milliseconds in fastest(ways, repeat).items():
-        say(f"{name:40}{milliseconds:9.0f} ms, {seconds[name]:5.1f} s until compiled")
-
-
 def say(line: str) -> None:
     if MPI.COMM_WORLD.rank == 0:
         print(line, flush=True)
@@ -150,15 +135,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES))
-    parser.add_argument("--flags", action="store_true", help="compare flags of the compiler as well")
     options = parser.parse_args()
     say(
         f"{'ms':20}{'unknowns':>9}{'DOLFINx':>9}{'moduli':>9}{'ratio':>8}{'points':>9}{'products':>9}{'places':>9}{'gap':>10}"
     )
     for name in options.cases:
         profile(name, CASES[name], options.repeat)
-    if options.flags:
-        compare_flags(options.repeat)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def phases(runs: dict[str, list[MeasuredRun]], repeat: int) -> Findings:
     """Microseconds per unknown in each phase, and the share outside of kernels, PETSc and MPI."""
     expected = ("mesh", "set-up", *SOLVER, "certificate")
     names = {name: None for name in expected if any(name in body_runs[0].phases for body_runs in runs.values())}
-    names |= {name: None for body_runs in runs.values() for name in body_runs[0].phases if name != "compile"}
+    names |= {name: None for body_runs in runs.values() for name in body_runs[0].phases if name != "programs"}
     seconds = {
         body: {name: median(body_runs, partial(_phase, name=name)) for name in names}
         for body, body_runs in runs.items()

@@ -109,23 +109,12 @@ class Bench:
         return measured
 
     def alternating(self, jobs: Mapping[str, tuple[JobData, int]], repeat: int) -> dict[str, list[MeasuredRun]]:
-        """Run each job in turn, ``repeat`` times, so that a change of the machine's speed affects all alike.
-
-        Kernels are compiled first.
-        """
-        for name, (job, _) in jobs.items():
-            self.compile(name, job)
+        """Run each job in turn, ``repeat`` times, so that a change of the machine's speed affects all alike."""
         runs: dict[str, list[MeasuredRun]] = {name: [] for name in jobs}
         for number in range(1, repeat + 1):
             for name, (job, ranks) in jobs.items():
                 runs[name].append(self.must_run(f"{name}, {number} of {repeat}", job, ranks))
         return runs
-
-    def compile(self, name: str, job: JobData) -> None:
-        self.note(f"{name}: compiling")
-        file = self.directory / "job.yaml"
-        file.write_text(yaml.safe_dump(dict(job), sort_keys=False), encoding="utf-8")
-        self.output("hpcinv", "compile", file)
 
     def output(self, program: str, *arguments: object, ranks: int = 1) -> str:
         """Return the standard output of a Python file, or of a module; raises ``SolveError`` if it fails."""

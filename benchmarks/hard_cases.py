@@ -76,7 +76,7 @@ def effort(statistics: Mapping[str, Any]) -> tuple[str, float]:
     iterations, factorizations = (
         sum(solution[key] for solution in solutions) for key in ("newton_iterations", "factorizations")
     )
-    compilation = timings["phases"].get("compile", {"max": 0.0})["max"]
+    compilation = timings["phases"].get("programs", {"max": 0.0})["max"]
     return f"{iterations} ({factorizations})", timings["total"] - compilation
 
 

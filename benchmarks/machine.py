@@ -166,7 +166,6 @@ def linear(bench: Bench, measured: Bodies, sizes: Sequence[int], repeat: int) ->
     data = dict[str, list[dict[str, float]]]()
     for name, body in measured.items():
         jobs = [{**body(size), "certificate": WITHOUT_CERTIFICATE} for size in sizes]
-        bench.compile(name, {**jobs[-1], "solver": {"linear": "iterative"}})
         for size, job in zip(sizes, jobs, strict=True):
             runs: dict[str, list[MeasuredRun]] = {kind: [] for kind in LINEAR_SOLVERS}
             for _ in range(repeat):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from hpcinv.base.files.untrusted import applied_to
-from hpcinv.base.parallel.runtime import MPI, compilation_explained
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_late, signals_recorded
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, PlannedSolve
@@ -21,8 +21,8 @@ from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.snapshot_writer import SnapshotWriter
+from hpcinv.physics.points.ffcx_fallback import notes_on_ffcx
 from hpcinv.physics.points.interpreter import note_on_speed
-from hpcinv.physics.points.kernels import notes_on_ffcx
 from hpcinv.preparation import Prepared, prepare
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.shape_distance import differences
@@ -68,7 +68,7 @@ def run(
         SolveError: the load was not reached; the diagnosis is in the message and in ``summary.json``.
         Interrupted: ``stop_asked`` was true on some rank.
     """
-    with ExitStack() as own, compilation_explained(comm):
+    with ExitStack() as own:
         workspace = workspace or own.enter_context(Workspace(comm))
         progress = progress or own.enter_context(Progress(comm, None))
         store = own.enter_context(RunStore(directory, comm))

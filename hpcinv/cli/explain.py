@@ -31,7 +31,7 @@ def add_explain(commands: Any) -> None:
 
 def _explain(options: argparse.Namespace) -> int:
     from hpcinv.base.parallel.ranks import failing_together
-    from hpcinv.base.parallel.runtime import MPI, compilation_explained, on_root
+    from hpcinv.base.parallel.runtime import MPI, on_root
 
     comm = MPI.COMM_WORLD
     with failing_together(comm):
@@ -43,8 +43,7 @@ def _explain(options: argparse.Namespace) -> int:
             if comm.rank == 0:
                 print(text, file=sys.stderr, flush=True)
 
-        with compilation_explained(comm):
-            explanation = explain(job, comm, note)
+        explanation = explain(job, comm, note)
         if comm.rank == 0:
             show(job, explanation)
     return 0
@@ -60,7 +59,7 @@ def show(job: Job, explanation: Explanation) -> None:
     console.print(f"{job.job}: {explanation.direction}, {explanation.cells} cells, {unknowns}")
     if explanation.families:
         console.print(f"fibres: {', '.join(explanation.families)}")
-    titles = ("part", "integrals", "constants", "fields", "compile (CPU)", "residual", "tangent", "of an iteration")
+    titles = ("part", "integrals", "constants", "fields", "made (CPU)", "residual", "tangent", "of an iteration")
     table = table_of_numbers(*titles)
     for i, row in enumerate((*explanation.rows, explanation.total)):
         table.add_row(*_cells(row, explanation, signed=0 < i < len(explanation.rows)))
@@ -79,7 +78,7 @@ def _cells(row: PartCosts, explanation: Explanation, *, signed: bool) -> tuple[s
         kinds,
         f"{row.constants:{sign}}",
         f"{row.fields:{sign}}",
-        _cost(row.compile, f"{row.compile:{sign}.1f} s"),
+        _cost(row.made, f"{row.made:{sign}.1f} s"),
         _cost(row.residual, f"{sign}{_ms(row.residual)}"),
         _cost(row.tangent, f"{sign}{_ms(row.tangent)}"),
         _cost(row.assembly, f"{row.assembly / explanation.iteration:{sign}.1%}"),

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
@@ -21,13 +22,13 @@ import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.base.parallel.code_cache import kept_in
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
 from hpcinv.model.assembly.tangent import tangent_of
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 _ROUNDS = 7  # the fastest counts, since disturbances only lengthen a measurement
@@ -38,7 +39,7 @@ class PartCosts:
     """One part of the job: its contributions to the forms, and its costs.
 
     Attributes:
-        compile: seconds of processor time to compile residual and tangent.
+        made: seconds of processor time to make the programs of residual and tangent.
         residual, tangent: seconds of processor time to assemble each of them once.
     """
 
@@ -46,7 +47,7 @@ class PartCosts:
     integrals: Counter[str]
     constants: int
     fields: int
-    compile: float
+    made: float
     residual: float
     tangent: float
 
@@ -104,12 +105,12 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     for i, (name, _) in enumerate(job.named_effects):
         others = (*job.effects[:i], *job.effects[i + 1 :])
         weak_forms[f"the job without {name}"] = variant(*others) if others else weak_forms["the laws alone"]
-    compiled: dict[WeakForm, _Compiled] = {}
+    made: dict[WeakForm, _Programs] = {}
     for name, weak_form in weak_forms.items():
-        if weak_form not in compiled:
-            note(f"compiling {name}")
-            compiled[weak_form] = _Compiled(weak_form, equations.supports.conditions)
-    measured = _measured(compiled)
+        if weak_form not in made:
+            note(f"making programs of {name}")
+            made[weak_form] = _Programs(weak_form, equations.supports.conditions)
+    measured = _measured(made)
     total, laws, *reduced_costs = (_part(weak_form, *measured[weak_form]) for weak_form in weak_forms.values())
     rows = [replace(laws, name=_laws(job))]
     for (where, effect), reduced in zip(job.named_effects, reduced_costs, strict=True):
@@ -131,18 +132,18 @@ def explain(job: Job, comm: MPI.Intracomm, note: Callable[[str], None] = lambda 
     )
 
 
-class _Compiled:
-    """Residual and tangent, compiled without a cache."""
+class _Programs:
+    """Residual and tangent, with programs that are made without a cache."""
 
     def __init__(self, weak_form: WeakForm, conditions: Sequence[fem.DirichletBC]) -> None:
         space, comm = weak_form.unknowns.space, weak_form.unknowns.mesh.comm
         directory = tempfile.TemporaryDirectory(prefix="hpcinv-explain-")
-        options = JIT_OPTIONS | {"cache_dir": comm.bcast(directory.name)}
-        comm.Barrier()
-        start = _processor_seconds()
-        self.residual, tangent = fem.form(weak_form.residual, jit_options=options), tangent_of(weak_form, options)
-        self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 compiles
-        directory.cleanup()  # the kernels are loaded
+        with kept_in(Path(comm.bcast(directory.name))):
+            comm.Barrier()
+            start = _processor_seconds()
+            self.residual, tangent = fem.form(weak_form.residual), tangent_of(weak_form)
+            self.seconds = comm.bcast(_processor_seconds() - start)  # rank 0 makes the programs
+        directory.cleanup()  # they are loaded
         self.vector = fem_petsc.create_vector(space)
         _, self.assemble_tangent = tangent.create_matrix(conditions)
 
@@ -157,14 +158,14 @@ def _processor_seconds() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
-def _measured(compiled: Mapping[WeakForm, _Compiled]) -> dict[WeakForm, tuple[float, float, float]]:
+def _measured(made: Mapping[WeakForm, _Programs]) -> dict[WeakForm, tuple[float, float, float]]:
     """Measure assembly times, all weak forms in turn, so that a disturbance affects all of them; return all seconds."""
-    best = {weak_form: [np.inf, np.inf] for weak_form in compiled}
+    best = {weak_form: [np.inf, np.inf] for weak_form in made}
     for _ in range(_ROUNDS):
-        for weak_form, forms in compiled.items():
+        for weak_form, forms in made.items():
             for i, assemble in enumerate((forms.assemble_residual, forms.assemble_tangent)):
                 best[weak_form][i] = min(best[weak_form][i], _seconds(forms.vector.comm.tompi4py(), assemble))
-    return {weak_form: (forms.seconds, best[weak_form][0], best[weak_form][1]) for weak_form, forms in compiled.items()}
+    return {weak_form: (forms.seconds, best[weak_form][0], best[weak_form][1]) for weak_form, forms in made.items()}
 
 
 def _linear_solver(equations: Equations, weak_form: WeakForm) -> tuple[str, float, float]:

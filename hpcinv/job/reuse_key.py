@@ -1,7 +1,7 @@
 """Reuse groups: jobs that can share mesh, equations and symbolic factorization, and the numbers in which they differ.
 
 The numbers of laws, effects, fibres and supports are entries of one constant of the forms (`Parameters`), so that jobs
-that differ only in these use the same kernels and the same matrix.
+that differ only in these use the same programs and the same matrix.
 """
 
 import math
@@ -14,7 +14,7 @@ from hpcinv.base.quantity.quantity import quantities_of
 from hpcinv.base.quantity.schema import Spec
 from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.job.cavities import CONTROLS, Cavity
-from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, fingerprint, hash_of
+from hpcinv.job.fingerprint import NOT_CONTENT, fingerprint, hash_of
 from hpcinv.job.job import Job
 from hpcinv.job.resolved_job import file_digest, resolved
 from hpcinv.job.sections import Support
@@ -40,22 +40,6 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
 def body_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
     """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
     return hash_of(resolved(job, NOT_BODY, digest))
-
-
-def kernel_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
-    """Hash (20 hex digits) of all that the kernels of a run depend on.
-
-    It is the reuse group, and what the content key has in addition, without the numbers of ways to a state.
-    """
-    content = resolved(job, NOT_CONTENT, digest)
-    further = {name: part for name, part in content.items() if name in NOT_PHYSICS}
-    for section in ("solver", "fixed_point"):
-        further[section] = {name: _marked_setting(value) for name, value in further[section].items()}
-    return hash_of([reuse_group_of(job, digest), further, content["mesh"]])
-
-
-def _marked_setting(value: Any) -> Any:
-    return _NUMBER if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
@@ -136,7 +120,7 @@ def _skeleton_of_cavity(cavity: Cavity, data: Mapping[str, Any]) -> dict[str, An
 
 
 def _marked_control(value: Any) -> Any:
-    return {name: _marked_setting(entry) for name, entry in value} if isinstance(value, Spec) else _marked(value)
+    return {name: _marked(entry) for name, entry in value} if isinstance(value, Spec) else _marked(value)
 
 
 def _numbers_of_cavity(cavity: Cavity) -> Iterator[float]:

@@ -27,7 +27,6 @@ from hpcinv.physics.effects.contact import PENALTY, QUADRATURE, Contact
 from hpcinv.physics.effects.obstacles import SurfaceObstacle
 from hpcinv.physics.kinematics.kinematics import Kinematics
 from hpcinv.physics.kinematics.staged_derivatives import remove_stages
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _EXACT = 2.0**-16
 """Change of distances from a triangulated surface at which it has settled, in tolerated penetrations."""
@@ -104,7 +103,7 @@ class _Nodal:
         mesh, count = body.mesh, vector.ufl_shape[0]
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (count,)))
         points = self.space.element.interpolation_points
-        self._expression = fem.Expression(remove_stages(vector), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._expression = fem.Expression(remove_stages(vector), points, comm=mesh.comm)
         self.values, self._count = fem.Function(self.space), count
 
     def __call__(self) -> Floats:
@@ -485,7 +484,7 @@ class _OneContact:
         touches = ufl.conditional(ufl.gt(p, 0), 1.0, 0.0)
         values = [*(p * m[i] for i in range(3)), touches, p, 1.0]
         integrand = sum(value * w[i] for i, value in enumerate(values))
-        return fem.form(remove_stages(k.da(integrand, effect.region, QUADRATURE)), jit_options=JIT_OPTIONS)
+        return fem.form(remove_stages(k.da(integrand, effect.region, QUADRATURE)))
 
     def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty

@@ -249,7 +249,7 @@ class DiscreteModel:
             return self._weak_forms[key]
         given_u = self._given_u if given_u is None else given_u
         kinematics, degree = KINEMATICS[direction], quadrature or self.quadrature_degree
-        with self.timings("compile"):
+        with self.timings("programs"):
             weak_form = WeakForm(self.job, self.fields, self.unknowns, kinematics, degree, self.scales, given_u)
         weak_form.parameters.set_load(self._load)
         if self._contacts:

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _ACCURACY, _ITERATIONS = 1e-11, 500
 _QUADRATURE = 4
@@ -28,7 +27,7 @@ class Laplace:
         self.space = fem.functionspace(body.mesh, ("Lagrange", 2))
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         dx = ufl.dx(body.mesh, degree=_QUADRATURE)
-        form = fem.form(ufl.inner(ufl.grad(u), ufl.grad(v)) * dx, jit_options=JIT_OPTIONS)
+        form = fem.form(ufl.inner(ufl.grad(u), ufl.grad(v)) * dx)
         self._matrix = fem_petsc.assemble_matrix(form)
         self._matrix.assemble()
 

@@ -19,7 +19,6 @@ from hpcinv.mesh.cells import quadrature
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.kinematics.staged_derivatives import gradient
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 LARGEST_STRAIN = 1.0
 """Largest nominal strain. With a larger one, small displacements under large loads would count as rounding errors."""
@@ -60,7 +59,7 @@ class NominalDisplacement:
             strain: Any = sum(map(_size, strains), ufl.as_ufl(0.0)) + sum(map(_size, stresses), ufl.as_ufl(0.0)) / mu
             vector = volume * ufl.as_vector([strain, mu, 1.0])
             self._parts.append(QuadratureValues(vector, mesh, quadrature_degree, cells))
-        self._works = [fem.form(work, jit_options=JIT_OPTIONS) for work in works]
+        self._works = [fem.form(work) for work in works]
 
     def __call__(self) -> tuple[float, float]:
         """Return displacement and force."""

@@ -30,7 +30,6 @@ from hpcinv.mesh.regions import Mesh
 from hpcinv.model.fields import BodyFields
 from hpcinv.physics.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.physics.kinematics.ufl_formulas import position_formula
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 
 @dataclass(frozen=True)
@@ -321,7 +320,7 @@ class ParameterDerivative:
         derivative = ufl.derivative(residual, (point, *self._functions), (way, *self._rates))
         halves = (ufl.as_vector([both[i] for i in part]) for part in (range(count), range(count, 2 * count)))
         form = ufl.replace(derivative, dict(zip((point, way), halves, strict=True)))
-        self._form = fem.form(form, jit_options=JIT_OPTIONS)
+        self._form = fem.form(form)
 
     def assemble(self, direction: ParameterDirection, b: PETSc.Vec) -> None:
         """Assemble the derivative at the present state and load into ``b``, for the cells of this rank."""

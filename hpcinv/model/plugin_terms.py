@@ -6,7 +6,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from hpcinv.physics.points.kernels import missing_in_programs, term_places
+from hpcinv.physics.points.ffcx_fallback import term_places
+from hpcinv.physics.points.kernels import missing_in_programs
 
 
 def noted[T](where: str, method: Callable[..., Any], term: T) -> T:

@@ -14,7 +14,6 @@ from hpcinv.mesh.cells import quadrature
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 from hpcinv.physics.kinematics.staged_derivatives import remove_stages
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _CHUNK = 10_000  # cells at a time, so that values at quadrature points take little memory
 
@@ -60,7 +59,7 @@ class PointValues:
     """
 
     def __init__(self, expression: Any, mesh: Mesh, points: Floats, cells: LocalIndices | None = None) -> None:
-        self._expression = fem.Expression(remove_stages(expression), points, comm=mesh.comm, jit_options=JIT_OPTIONS)
+        self._expression = fem.Expression(remove_stages(expression), points, comm=mesh.comm)
         self._mesh = mesh
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
         self._cells = owned if cells is None else cells

@@ -1,4 +1,4 @@
-"""Deformation gradients at points of cells, and fields in the middle of each cell, without compiled kernels."""
+"""Deformation gradients at points of cells, and fields in the middle of each cell, without forms."""
 
 from collections.abc import Mapping
 

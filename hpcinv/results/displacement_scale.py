@@ -31,7 +31,7 @@ class DisplacementScale:
 def nominal_sizes(equations: Equations, solution: Solution) -> tuple[float, float]:
     """Return nominal displacement (m) and force (scaled) of a solution (`NominalDisplacement`); collective."""
     equations.put(solution)
-    with equations.timings("compile"):
+    with equations.timings("programs"):
         weak_form = equations.weak_form(solution.direction)
         nominal = weak_form.nominal_displacement
     with equations.timings("evaluation"):

@@ -28,7 +28,6 @@ from hpcinv.mesh.location import PointLocation
 from hpcinv.mesh.source import Floats
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.physics.kinematics.staged_derivatives import remove_stages
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _POSITIONS = ("X", "Y", "Z", "x", "y", "z", "ux", "uy", "uz")
 # FFCx takes shape functions within 1e-6 of 0 and ±1 for these numbers, which points of a user may happen to have.
@@ -62,7 +61,7 @@ class PointFields:
         self._names = set(names).union(*map(components_of, self._measures))
         self._has_prestrain = not self._names.isdisjoint({*PRESTRAIN_STRESSES, *PRESTRAIN_COMPONENTS})
         self._has_laws = self._has_prestrain or not self._names.isdisjoint({*COMPONENTS, "energy"})
-        self._compiled: dict[tuple[str, int], fem.Expression] = {}
+        self._expressions: dict[tuple[str, int], fem.Expression] = {}
 
     def cell_samples(self, cells: LocalIndices) -> Samples:
         """Return values at quadrature points in a region's cells; collective."""
@@ -126,8 +125,8 @@ class PointFields:
         space = fem.functionspace(mesh, ("DG", 1, (3,)))
         place = fem.Function(space)
         place.x.array.reshape(-1, 3)[space.dofmap.list] = space.element.basix_element.points
-        compiled = fem.Expression(place, points, comm=mesh.comm, jit_options=JIT_OPTIONS)
-        return np.asarray(compiled.eval(mesh, entities)).reshape(len(entities), len(points), 3)
+        expression = fem.Expression(place, points, comm=mesh.comm)
+        return np.asarray(expression.eval(mesh, entities)).reshape(len(entities), len(points), 3)
 
     def _values(self, kind: str, points: Floats, entities: LocalIndices, cells: LocalIndices) -> Floats:
         """Return the fields and the volume or area ratios at reference points, (entities, points, …); collective."""
@@ -137,16 +136,15 @@ class PointFields:
             here = np.ones(len(cells), dtype=bool) if part_cells is None else np.isin(cells, part_cells)
             if not comm.allreduce(bool(here.any()), op=MPI.LOR):
                 continue  # no cell of this law among the entities
-            if (kind, number) not in self._compiled:
+            if (kind, number) not in self._expressions:
                 expressions = [field for field, _ in self._fields(number, kind).values()] + self._sizes(kind)
-                self._compiled[kind, number] = fem.Expression(
+                self._expressions[kind, number] = fem.Expression(
                     remove_stages(ufl.as_vector(expressions)),
                     points,
                     comm=comm,
                     form_compiler_options=_EXACT,
-                    jit_options=JIT_OPTIONS,
                 )
-            part_values = self._compiled[kind, number].eval(self._body.mesh, entities[here])
+            part_values = self._expressions[kind, number].eval(self._body.mesh, entities[here])
             if not values.shape[2]:
                 values = np.zeros((len(cells), *part_values.shape[1:]))
             values[here] = part_values

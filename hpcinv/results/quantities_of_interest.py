@@ -155,7 +155,7 @@ def values_of(
             values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
         elif q.cavity is not None and q.dimension == STRESS:
             pressures = {cavity.name: cavity.pressure for cavity in solution.cavities}
-            values[q.name] = pressures.get(q.cavity, math.nan)  # nothing is solved where kernels are only compiled
+            values[q.name] = pressures[q.cavity]
         elif q.cavity is not None:
             nodes = solution.reference_nodes if q.over == "reference" else solution.current_nodes
             values[q.name] = enclosed_volume(solution.job, body, q.cavity).volume(nodes)

@@ -113,7 +113,7 @@ def solution_of(
 ) -> Solution:
     """Evaluate the equations' present state, a solution at a load factor, in SI units; collective."""
     length, stress = equations.scales.length, equations.scales.stress
-    with equations.timings("compile"):
+    with equations.timings("programs"):
         evaluate = weak_form.means
     with equations.timings("evaluation"):
         equations.put_load(load)

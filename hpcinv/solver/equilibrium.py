@@ -307,12 +307,6 @@ class Equilibrium:
         state.destroy()
         step.destroy()
 
-    def compile(self, *, prescribed_motion: bool) -> None:
-        """Compile all forms that solves may need, with or without prescribed motion."""
-        self.mip.compile()
-        if prescribed_motion:
-            self.system.compile_lifting()
-
     def floor(self, load: float | None = None, least: float = 0.0) -> Floor:
         """Return the floor of the norm of states, at the present load factor or at another one; collective when used.
 
@@ -327,7 +321,7 @@ class Equilibrium:
         def norm_of_nominal_state() -> float:
             if load is not None:
                 system.set_load(load)
-            with system.timings("compile"):
+            with system.timings("programs"):
                 nominal = system.weak_form.nominal_displacement
             with system.timings("residual"):
                 return nodes * max(nominal()[0], least / NewtonMonitor.rounding)

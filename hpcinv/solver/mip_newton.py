@@ -44,11 +44,6 @@ class ExtrapolatedStress:
         self._system, self._weak_form = system, system.weak_form
         self._is_forward = self._weak_form.kinematics.direction == "forward"
 
-    def compile(self) -> None:
-        """Compile the term, if the direction of the analysis has one."""
-        if self._is_forward:
-            _ = self._term
-
     def is_needed(self, first: Increment) -> bool:
         """Return whether the tangents of a solve need the term, by the first step of that solve."""
         return self._is_forward and first.rotation > self._smallest

@@ -91,7 +91,7 @@ class Predictor:
 
     def __init__(self, system: System, linear: LinearSolver) -> None:
         self.system, self.linear = system, linear
-        with system.timings("compile"):
+        with system.timings("programs"):
             self.increments = Increments(system.weak_form)
         self._origin = system.rhs.duplicate()
 

@@ -87,7 +87,7 @@ class SeriesContinuation:
         if system.supports.is_curved:
             raise NotAnalytic("a support slides on a curved surface")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear
-        with system.timings("compile"):
+        with system.timings("programs"):
             self._taylor = TaylorResidual(system.weak_form)
         self._scale, self._contraction, self._refinements, self._side = np.inf, 1.0, 0, side
         self._are_near = self._is_refined = False  # whether factors are of a tangent near, and correct iteratively

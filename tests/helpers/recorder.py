@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from helpers.batches import IN_BATCH, Batch
-from hpcinv.base.parallel import jit
+from hpcinv.base.parallel import c_code, code_cache
 
 START = "(start of processes)"
 """What a process takes until its tests are collected."""
@@ -49,11 +49,11 @@ class Recorder:
         self._file = (directory / f"{os.getpid()}.jsonl").open("a")
         self._in_batches, self._referred = in_batches, -BETWEEN
         self._compiled, self._compiling = list[str](), 0.0
-        self._cache, self._changed = str(jit.DIRECTORY), 0
+        self._cache, self._changed = str(code_cache.directory()), 0
         self._kernels = self._cached()
-        compiled = jit._compiled
+        compiled = c_code._compiled
 
-        def timed(code: str, name: str, *arguments: Any) -> bytes:
+        def timed(code: str, name: str, *arguments: Any) -> Path:
             before = sum(cpu())
             try:
                 made = compiled(code, name, *arguments)
@@ -62,7 +62,7 @@ class Recorder:
             self._compiled.append(name)
             return made
 
-        jit._compiled = timed  # type: ignore[assignment]
+        c_code._compiled = timed  # type: ignore[assignment]
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Record what imports and the collection took."""

@@ -13,7 +13,6 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 
@@ -48,9 +47,7 @@ class Loaded:
         unknowns.state.x.array[:] = (state(points * length) / length).ravel()
         u = unknowns.state.x.array.reshape(-1, 3)
         self.x = points + u if direction == "forward" else points
-        self.pull = -fem.assemble_vector(fem.form(self.weak_form.residual, jit_options=JIT_OPTIONS)).array.reshape(
-            -1, 3
-        )
+        self.pull = -fem.assemble_vector(fem.form(self.weak_form.residual)).array.reshape(-1, 3)
 
     def volume(self) -> tuple[float, np.ndarray]:
         """Of the current body (m³), and its first moments (m⁴)."""

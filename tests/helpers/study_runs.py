@@ -15,7 +15,7 @@ from hpcinv.studies.study.study_batch import StudySchedule, StudyTask
 def statistics(
     value: float, total: float = 1.0, compile_: float = 0.0, unknowns: int = 10, **more: Any
 ) -> dict[str, Any]:
-    phases = {"compile": compile_, "newton": 0.1, "tangent": 0.2, "certificate": 0.05}
+    phases = {"programs": compile_, "newton": 0.1, "tangent": 0.2, "certificate": 0.05}
     return {
         "quantities": {"length": value},
         "mesh": {"unknowns": unknowns, "cells": unknowns},

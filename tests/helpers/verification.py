@@ -17,7 +17,6 @@ from hpcinv.job.job import Job, parse
 from hpcinv.mesh import Body, build_body
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED
@@ -81,7 +80,7 @@ class Solved:
 
     def integral(self, integrand: Any, degree: int = 8) -> float:
         """Integral over the mesh, in scaled lengths, by a quadrature of its own."""
-        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree), jit_options=JIT_OPTIONS)
+        form = fem.form(integrand * ufl.dx(self.body.mesh, degree=degree))
         return float(self.body.mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))
 
     def relative_error(self, computed: Any, exact: Any) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hpcinv.base.parallel.jit import NoLibrary
+from hpcinv.base.parallel.c_code import NoLibrary
 from hpcinv.model.assembly import csr_tangent, tangent_product, taylor_residual
 from hpcinv.physics.points import interpreter
 

@@ -25,7 +25,6 @@ from hpcinv.model.assembly.system import System
 from hpcinv.model.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.model.assembly.tangent_product import TangentProduct, extension
 from hpcinv.physics.points.integrands import Integrand
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.discretisation_error import one_degree_more
 
@@ -80,7 +79,7 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
     x.array[held[: x.local_size]] = 0.0
     expected = x.duplicate()
     system.matrix.mult(x, expected)
-    moduli = moduli_at_points(weak_form.residual, unknowns, JIT_OPTIONS)
+    moduli = moduli_at_points(weak_form.residual, unknowns)
     for compiler in (nullcontext(), without_compiler()):
         with compiler:
             product = TangentProduct(moduli, unknowns, unknowns, model.quadrature_degree)
@@ -117,7 +116,7 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     free = ~held[: x.local_size]
     x.array[~free] = 0.0
     system.matrix.mult(x, y)
-    moduli = moduli_at_points(model.weak_form(direction).residual, model.unknowns, JIT_OPTIONS)
+    moduli = moduli_at_points(model.weak_form(direction).residual, model.unknowns)
     for compiler in (nullcontext(), without_compiler()):
         with compiler:
             product = TangentProduct(moduli, model.unknowns, finer.unknowns, finer.quadrature_degree)
@@ -146,7 +145,7 @@ def test_moduli_are_refused_for_other_points_than_those_of_the_form(comm: MPI.In
     u, _ = ufl.split(unknowns.state)
     dx = ufl.Measure("dx", unknowns.mesh, metadata={"quadrature_degree": 4})
     with pytest.raises(UnsupportedForm, match="quadrature"):
-        moduli_at_points(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns, JIT_OPTIONS)
+        moduli_at_points(ufl.inner(ufl.grad(u), ufl.grad(unknowns.v)) * dx, unknowns)
 
 
 def damage(directory: Path) -> None:

@@ -13,7 +13,6 @@ from dolfinx.mesh import CellType, create_unit_cube
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.assembly.pattern import pattern_of
 from hpcinv.model.spaces import Unknowns
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 
 @pytest.mark.parallel([1, 2, 3])
@@ -26,7 +25,7 @@ def test_rows_have_the_columns_that_a_compiled_form_has(
     assert unknowns.has_whole_nodes
     (pattern, all_columns), space = pattern_of(unknowns), unknowns.space
     mass: Any = ufl.TrialFunction(space)[0] * ufl.TestFunction(space)[0] * ufl.dx
-    theirs = fem.create_sparsity_pattern(fem.form(mass, jit_options=JIT_OPTIONS))
+    theirs = fem.create_sparsity_pattern(fem.form(mass))
     theirs.finalize()
     graph, bs = la.matrix_csr(theirs), space.dofmap.index_map_bs
     known = graph.index_map(1)

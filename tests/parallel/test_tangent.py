@@ -20,7 +20,6 @@ from hpcinv.mesh import build_body
 from hpcinv.model.assembly.system import System
 from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 
 MIXED: dict[str, Any] = {
@@ -56,7 +55,7 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
     weak_form, supports = model.weak_form(given.directions[0]), model.supports
     state = model.unknowns.state
     deform(model.unknowns)
-    form = fem.form(ufl.derivative(remove_stages(weak_form.residual), state), jit_options=JIT_OPTIONS)
+    form = fem.form(ufl.derivative(remove_stages(weak_form.residual), state))
     weak_form.parameters.set_load(0.7)
     supports.scale(0.7)
     theirs = fem_petsc.assemble_matrix(form, bcs=supports.conditions)
@@ -128,7 +127,7 @@ def test_stages_leave_derivatives_as_they_are(comm: MPI.Intracomm) -> None:
     by_stages = gradient(psi, H)
     entries = [e[at] for e in (by_stages, first) for at in np.ndindex(e.ufl_shape)]
     point = np.full((1, 3), 0.25)
-    compiled = fem.Expression(remove_stages(ufl.as_vector(entries)), point, jit_options=JIT_OPTIONS)
+    compiled = fem.Expression(remove_stages(ufl.as_vector(entries)), point)
     values = compiled.eval(mesh, np.zeros(1, dtype=np.int32)).ravel()
     ours, theirs = values.reshape(2, 9)
     assert np.abs(ours - theirs).max() < 1e-14 * np.abs(theirs).max()

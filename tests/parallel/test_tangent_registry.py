@@ -32,13 +32,10 @@ from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of
 from hpcinv.output.progress import Progress
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
-from hpcinv.physics.points import kernels
-from hpcinv.physics.points.kernels import JIT_OPTIONS
+from hpcinv.physics.points import ffcx_fallback
 from hpcinv.solver.equations import Equations
 
 HERE = Path(__file__).parents[1]
-UNOPTIMIZED = JIT_OPTIONS | {"cffi_extra_compile_args": [*JIT_OPTIONS["cffi_extra_compile_args"], "-O0"]}
-"""The kernels of this test are called once: most of their time would be the compiler's."""
 FIBRES = {
     "fibre": {"direction": [1, 0.5, 0], "given_on": "current"},
     "fibre1": {"direction": ["1 + y/(3 m)", "-0.2", "Z/(2 m)"], "given_on": "current"},
@@ -124,8 +121,8 @@ def test_programs_of_the_registry_are_what_ffcx_compiles(
     with tangents_for(cells=1_000_000):
         filled = tangent_of(weak_form)
     assert isinstance(filled, FilledTangent), filled.note
-    with kernels_of_ffcx():
-        reference, residual = FormTangent(weak_form, UNOPTIMIZED), vector(weak_form.residual, UNOPTIMIZED)
+    with kernels_of_ffcx("-O0"):  # they are called once: most of their time would be the compiler's
+        reference, residual = FormTangent(weak_form), vector(weak_form.residual)
     with without_compiler(), tangents_for(cells=1_000_000):
         arrays, own_residual = tangent_of(weak_form), vector(weak_form.residual)
     assert isinstance(arrays, FilledTangent), arrays.note
@@ -148,8 +145,8 @@ def test_programs_of_the_registry_are_what_ffcx_compiles(
     assert max(errors[2:]) < 1e-13
 
 
-def vector(form: Any, options: Any = JIT_OPTIONS) -> np.ndarray:
-    return np.asarray(fem.assemble_vector(fem.form(form, jit_options=options)).array)
+def vector(form: Any) -> np.ndarray:
+    return np.asarray(fem.assemble_vector(fem.form(form)).array)
 
 
 @pytest.mark.everyday("inverse-displacement")
@@ -157,7 +154,7 @@ def vector(form: Any, options: Any = JIT_OPTIONS) -> np.ndarray:
 @pytest.mark.parametrize(("direction", "formulation"), [kind for kind in KINDS if kind != ("inverse", "mixed")])
 def test_every_part_of_a_weak_form_has_moduli(of: Any, direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
-    part_moduli = moduli_at_points(model.weak_form(model.job.directions[0]).residual, model.unknowns, JIT_OPTIONS)
+    part_moduli = moduli_at_points(model.weak_form(model.job.directions[0]).residual, model.unknowns)
     assert len(part_moduli) == len(model.job.laws)
     assert all(len(moduli.pairs) >= (1 if formulation == "displacement" else 3) for moduli in part_moduli)
 
@@ -201,6 +198,7 @@ def job_of_second_gradient(directory: Path, effect: str = "second-gradient") -> 
     return parse(given, directory / "job.yaml")
 
 
+@pytest.mark.usefixtures("ffcx_compiles")
 def test_an_operator_of_a_plugin_is_named_where_nothing_compiles_it(
     tmp_path: Path, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -208,7 +206,7 @@ def test_an_operator_of_a_plugin_is_named_where_nothing_compiles_it(
         raise RuntimeError("Failed JIT compilation of form: cc")
 
     monkeypatch.setenv("CC", "no-such-cc")
-    monkeypatch.setattr(kernels, "compiled_by_ffcx", fail)
+    monkeypatch.setattr(ffcx_fallback, "jit_of_dolfinx", fail)
     place = re.escape(f"effects[0]: {tmp_path / 'bending.py'}, line 18: it has second derivatives of a function")
     with pytest.raises(SystemPartMissing, match=rf"no C compiler 'no-such-cc' on .* needed for {place}"):
         run(job_of_second_gradient(tmp_path, "third-gradient"), comm)

@@ -23,7 +23,7 @@ from hpcinv.job.job import parse
 
 SECONDS = {
     "mesh": 2.0,
-    "compile": 100.0,
+    "programs": 100.0,
     "tangent": 4.0,
     "factorization": 3.0,
     "linear solve": 2.0,
@@ -57,9 +57,6 @@ class Played:
         self.runs, self.directory, self.results, self.probe = runs, directory, directory, probe
 
     def note(self, text: str) -> None:
-        pass
-
-    def compile(self, name: str, job: Mapping[str, Any]) -> None:
         pass
 
     def output(self, module: str, *arguments: object, ranks: int = 1) -> str:

@@ -13,7 +13,7 @@ import pytest
 from helpers.command_line import environment, hpcinv
 from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 
-from hpcinv.base.parallel import jit
+from hpcinv.base.parallel import code_cache
 from hpcinv.errors import MeshError
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh.body import read_source
@@ -165,8 +165,7 @@ def test_a_file_that_gmsh_has_read_is_not_tried_again(
     path = tmp_path / "a.msh"
     save(path, mesh, mesh.points)
     tried = list[str]()
-    monkeypatch.setattr(jit, "DIRECTORY", tmp_path / "records")
-    monkeypatch.setattr(jit, "_PLACES", (tmp_path / "records",))
+    monkeypatch.setattr(code_cache, "_places", (tmp_path / "records",))
 
     def counted(action: str, file: Path) -> subprocess.CompletedProcess[bytes]:
         tried.append(action)

@@ -40,12 +40,10 @@ def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "summary.json").exists()
 
 
-def test_options_of_dolfinx_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
-    words = hpcinv("run", TETRAHEDRON, "--output", "results")
-    assert_refused(run(words, tmp_path, XDG_CONFIG_HOME="/dev/null"), 2, "/dev/null/dolfinx", "XDG_CONFIG_HOME")
+def test_options_of_dolfinx_that_cannot_be_read_do_not_matter(tmp_path: Path) -> None:
     (tmp_path / "dolfinx_jit_options.json").write_text("{")
-    assert_refused(run(words, tmp_path), 2, "DOLFINx cannot read its options")
-    assert not (tmp_path / "results").exists()
+    done = run(hpcinv("run", TETRAHEDRON, "--output", "results"), tmp_path, XDG_CONFIG_HOME="/dev/null")
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_working_directory_that_was_removed_is_reported(tmp_path: Path) -> None:

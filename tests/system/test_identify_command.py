@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv, hpcinv_here, write_job
+from helpers.command_line import NO_CERTIFICATE, ROOT, Started, hpcinv_here, write_job
 
 UP, DOWN = ({"effect": "gravity", "acceleration": [0, 0, g], "density": 150} for g in (9.81, -9.81))
 JOB: dict[str, Any] = {
@@ -83,15 +83,3 @@ def test_a_job_without_the_section_is_refused(tmp_path: Path) -> None:
     assert ended.returncode == 2
     assert ended.stderr == f"{plain}: has no section 'identify', which names parameters and observations\n"
     assert not (tmp_path / "results").exists()
-
-
-@pytest.mark.release
-def test_kernels_of_identify_are_compiled_beforehand(job: Path, tmp_path: Path) -> None:
-    done = hpcinv(1, "compile", job, "--cache", tmp_path / "kernels", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    before = set((tmp_path / "kernels").glob("*.so"))
-    env = {"HPCINV_KERNELS": str(tmp_path / "kernels"), "XDG_CACHE_HOME": str(tmp_path / "own")}
-    ended = hpcinv(1, "identify", job, "-q", cwd=tmp_path, **env)
-    assert ended.returncode == 0, ended.stderr
-    assert set((tmp_path / "kernels").glob("*.so")) == before
-    assert {path.name for path in (tmp_path / "own").glob("*")} <= {"matplotlib"}  # its fonts

@@ -215,7 +215,6 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "mesh partition": (("mesh partition {} out.bp --parts 1", *MESHES, *FEW),),
     "mesh gather": (("mesh gather {} out.msh", "parts.bp"),),
     "compare": (("compare {} good.msh", *MESHES, *IMAGES, *RUNS), ("compare good.msh {}", "body.py", "nodes.inp")),
-    "compile": (("compile {}", *FEW),),
 }
 """arguments of each command that takes --untrusted, and the poisoned files on which it is tried"""
 NAMED = ("link.msh", "link.stl", "link.step", "table.csv")

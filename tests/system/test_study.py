@@ -13,12 +13,12 @@ from helpers.studies import STUDY, plan
 from helpers.study_runs import BAD, Begin, drain, good, records_in, reused
 
 from hpcinv.__main__ import main
+from hpcinv.base.parallel.code_cache import kept_in
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import parse
 from hpcinv.output.progress import SilentProgress
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.studies.batch.task import Pause
 from hpcinv.studies.study.directory import StudyDirectory
 from hpcinv.studies.study.result_rows import rows_of
@@ -44,18 +44,15 @@ def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(begin:
     assert len(again) == 10
 
 
-def test_only_kernels_that_were_not_found_count_as_compiled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, comm: MPI.Intracomm
-) -> None:
+def test_only_kernels_that_were_not_found_count_as_compiled(tmp_path: Path, comm: MPI.Intracomm) -> None:
     """Other processes that a run starts do not, such as the one that tries to read a mesh file first."""
-    monkeypatch.setitem(JIT_OPTIONS, "cache_dir", tmp_path / "kernels")
     mesh = {"file": str(write_msh(tmp_path / "block.msh", ROOT / "meshes", False, 1, 4.1))}
     given = {k: v for k, v in COLUMN.items() if k != "quantities"} | {"mesh": mesh, "certificate": NO_CERTIFICATE}
     given |= {"discretisation": {"displacement": 1}, "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}
     column_job = parse(given, tmp_path / "column.yaml")
     claim: Any = None
     task = StudyTask("one", column_job, claim, 1, 1)
-    with StudyRunner(comm) as runner, SilentProgress(comm) as progress:
+    with StudyRunner(comm) as runner, SilentProgress(comm) as progress, kept_in(tmp_path / "cache"):
         compiled = [runner.run(task, progress, lambda: False)["compiled"] for _ in range(2)]
     assert compiled == [True, False]
 

@@ -251,7 +251,7 @@ def test_checkpoints_from_elsewhere_are_not_read(tmp_path: Path, capsys: pytest.
     assert f"run --untrusted {tmp_path / 'job.yaml'}" in error
 
 
-@pytest.mark.parametrize("command", ["validate", "explain", "compile", "mesh partition", "sweep plan", "study"])
+@pytest.mark.parametrize("command", ["validate", "explain", "mesh partition", "sweep plan", "study"])
 def test_every_command_that_reads_a_job_takes_untrusted(command: str, elsewhere: Path, marker: Path) -> None:
     job = job_with(elsewhere, marker, {"plugins": ["plugin.py"]})
     file, more = job, list[str]()

@@ -75,7 +75,7 @@ def test_demands_that_cannot_be_are_refused(changes: dict[str, Any], text: str) 
 
 
 def steps(
-    sizes: Sequence[float | None], degrees: Sequence[int], *, power: float = 1.5, compilation: float = 0.0
+    sizes: Sequence[float | None], degrees: Sequence[int], *, power: float = 1.5, programs: float = 0.0
 ) -> list[Step]:
     """As a machine would make them that takes ``1e-6 N^power`` seconds for a factorization and hardly any else."""
     made = []
@@ -87,7 +87,7 @@ def steps(
             assembly = 1e-9 * cells * nodes("tetrahedron", degree) ** 3
             return Work(degree, cells, n, count, count * assembly, count * 1e-6 * n**power)
 
-        made.append(Step("tetrahedron", size, cells, work(degree, n, 2), work(degree + 1, finer, 1), compilation))
+        made.append(Step("tetrahedron", size, cells, work(degree, n, 2), work(degree + 1, finer, 1), programs))
     return made
 
 
@@ -142,10 +142,10 @@ def test_the_cheapest_that_is_enough_is_chosen() -> None:
     choice = choose(smooth, factors, None, limit=10**9, highest=2)
     assert choice is not None
     assert (choice.kind, choice.degree, choice.factor) == ("everywhere", 2, 2.0)
-    # A far better mesh costs more than a degree more, unless its kernels take long to compile.
+    # A far better mesh costs more than a degree more, unless its programs take long to make.
     demanding = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2]), [1.0, 2**-3.0, 2**-6.0], 100.0)
     assert getattr(choose(demanding, factors, None, limit=10**9, highest=3), "degree", None) == 3
-    slow = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2], compilation=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
+    slow = RefinementForecast(steps([1.0, 0.5, 0.25], [2, 2, 2], programs=1e9), [1.0, 2**-3.0, 2**-6.0], 50.0)
     assert getattr(choose(slow, factors, None, limit=10**9, highest=3), "degree", None) == 2
     # Refinement in places pays where it takes fewer cells.
     few, many = RefinementPlaces(3.0, 0.1), RefinementPlaces(60.0, 0.1)

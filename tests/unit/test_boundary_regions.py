@@ -16,7 +16,6 @@ from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import shells
-from hpcinv.mesh.sample_mesh import sample_body
 from hpcinv.mesh.source import MeshSource
 
 CUBES = np.array([[i, j, k] for i in range(5) for j in range(5) for k in range(3)])
@@ -97,14 +96,6 @@ def test_differences_leave_facets_and_cells_out() -> None:
     assert (rest.facet_count, rest.cell_count) == (regions["boundary"].facet_count - 25, lower.cell_count)
     with pytest.raises(MeshError, match=r"region 'none': nothing is left of \[bottom, not lower\]"):
         body(**conditions, none=RegionUnion(("bottom",), ("lower",)))
-
-
-def test_samples_have_unions() -> None:
-    regions = sample_body(block(), rules(**UNIONS), []).regions
-    assert regions["wall"].facet_count
-    assert set(regions["lower"].facets) == set(
-        sample_body(block(), rules(lower="z < 1.5 m"), []).regions["lower"].facets
-    )
 
 
 def test_unions_in_jobs_are_checked(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from helpers.schemas import refusals
 
 import hpcinv as package
 from hpcinv.__main__ import main
-from hpcinv.base.parallel import jit
+from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
@@ -178,8 +178,7 @@ def test_a_file_that_gmsh_has_read_is_not_tried_again(
 ) -> None:
     path, tried = tmp_path / "box.step", list[str]()
     path.write_bytes(cad("box.step").read_bytes())
-    monkeypatch.setattr(jit, "DIRECTORY", tmp_path / "records")
-    monkeypatch.setattr(jit, "_PLACES", (tmp_path / "records",))
+    monkeypatch.setattr(code_cache, "_places", (tmp_path / "records",))
     run = isolated.run_isolated
     monkeypatch.setattr(isolated, "run_isolated", lambda action, *rest: tried.append(action) or run(action, *rest))
     first, second = read(path), read(path)

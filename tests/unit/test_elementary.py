@@ -14,7 +14,6 @@ from dolfinx.mesh import create_unit_cube
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.kinematics import stable_functions
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 TINY = [sign * 10.0**-n for n in (4, 8, 12, 16, 30, 80) for sign in (-1, 1)]
 MEDIUM = [-0.9, -0.5, -0.126, -0.125, -0.124, -0.06, -0.01, -0.001, 0.001, 0.01, 0.06, 0.124, 0.125, 0.126, 0.5, 0.9]
@@ -33,7 +32,7 @@ def derivatives() -> Callable[[str, float], Any]:
     values += [stable_functions.polynomial(x, [3.0, -2.0, 0.5])]
     slopes = [ufl.diff(value, x) for value in values]
     all_of_them = ufl.as_vector([*values, *slopes, *(ufl.diff(slope, x) for slope in slopes)])
-    compiled = fem.Expression(all_of_them, np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+    compiled = fem.Expression(all_of_them, np.full((1, 3), 0.25))
 
     def evaluate(name: str, value: float) -> Any:
         at.value = value

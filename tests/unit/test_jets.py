@@ -26,7 +26,6 @@ from hpcinv.physics.materials.formula_law.algebras import FLOATS
 from hpcinv.physics.materials.formula_law.coefficients import ONE, ZERO, Coefficient
 from hpcinv.physics.materials.formula_law.invariants import PrincipalStretches, families_in, invariants
 from hpcinv.physics.materials.formula_law.jet import JET_FUNCTIONS, Jet, Strains
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 FIBRES = {"f": (1, 2, 2), "s": (2, 1, -2)}  # of length 3, orthogonal
 # Fibres f are stretched, s are compressed.
@@ -88,7 +87,7 @@ class Stress:
         k = Deformation(H, {name: ufl.as_vector([a / 3 for a in direction]) for name, direction in FIBRES.items()})
         P = ufl.diff(energy(k, par), H)
         wanted = ufl.diff(ufl.inner(P, self._D), H) if tangent else P
-        self._compiled = fem.Expression(wanted, np.array([[0.25, 0.25, 0.25]]), jit_options=JIT_OPTIONS)
+        self._compiled = fem.Expression(wanted, np.array([[0.25, 0.25, 0.25]]))
 
     def __call__(self, H: np.ndarray, D: np.ndarray | None = None) -> np.ndarray:
         """``P(H)``, or the tangent's ``∂(P : D)/∂H``."""

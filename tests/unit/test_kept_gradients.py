@@ -10,9 +10,9 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
+from hpcinv.base.parallel.jit import JIT_OPTIONS
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.base.parallel.jit import JIT_OPTIONS
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.kinematics import kept_gradients, staged_derivatives
 from hpcinv.physics.kinematics.kept_gradients import kept_gradient

@@ -20,7 +20,7 @@ from hpcinv.base.quantity.schema import Spec, metadata_in
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, check_same_problem, content_key, fingerprint
 from hpcinv.job.job import Job, load
-from hpcinv.job.reuse_key import NOT_BODY, body_key, kernel_key, numbers_of, reuse_group_of
+from hpcinv.job.reuse_key import NOT_BODY, body_key, numbers_of, reuse_group_of
 from hpcinv.job.sections import ExpectedShape
 from hpcinv.physics.effects.contact import Contact
 from hpcinv.physics.effects.obstacles import SurfaceObstacle
@@ -95,15 +95,6 @@ def test_every_leaf_of_the_schema_counts_in_each_key_or_has_a_reason_not_to() ->
     assert not wrong
     derived = {"directions", "inputs_of_plugins", "discretisation.layers", "discretisation.recovered_geometry"}
     assert {*NOT_CONTENT, *NOT_PHYSICS, *NOT_BODY} - derived <= places
-
-
-def test_kernels_depend_on_checks_and_on_what_is_evaluated() -> None:
-    sections = "method", "certificate", "quantities", "accuracy", "expected_shape"
-    for place, variants in jobs():
-        if place[0] in sections:
-            assert len({kernel_key(variant, str) for variant in variants}) == len(variants), place
-    soft, stiff = (load({**BASE, "solver": {"tolerance": t}}, directory=HERE) for t in (1e-9, 1e-12))
-    assert kernel_key(soft, str) == kernel_key(stiff, str)
 
 
 def specs(annotation: Any, known: set[type[Spec]]) -> set[type[Spec]]:

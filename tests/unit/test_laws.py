@@ -19,7 +19,7 @@ from dolfinx.mesh import CellType, create_unit_cube
 from mpmath import mp
 from ufl.classes import Variable
 
-from hpcinv.base.parallel.jit import JIT_OPTIONS, array_type, compile_library
+from hpcinv.base.parallel.c_code import array_type, compile_library
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.model.assembly.taylor_arrays import TaylorArrays
@@ -114,7 +114,7 @@ class Compiled:
         parts = [part for psi in energies for part in (psi, *np.ravel(components(ufl.diff(psi, H))))]
         everything = ufl.as_vector([*parts, *law.domain(k, par)])
         self.count = len(energies)
-        self.expression = fem.Expression(everything, np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+        self.expression = fem.Expression(everything, np.full((1, 3), 0.25))
 
     def __call__(self, H: np.ndarray, choice: int = 0) -> State:
         self.H.value[:] = H

@@ -17,12 +17,12 @@ from dolfinx import fem, mesh
 from helpers.reference_kernels import kernels_of_ffcx
 from helpers.without_compiler import without_compiler
 
-from hpcinv.base.parallel import kernel_files
+from hpcinv.base.parallel import cache_files
+from hpcinv.base.parallel.code_cache import kept_in
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.points import array_interpreter, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.physics.points.program import Program
 from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
@@ -65,14 +65,12 @@ def test_functions_and_their_slopes_are_those_of_ufl(name: str) -> None:
     u.interpolate(_scaled)
     du.x.array[:] = 1.0
     f = FUNCTIONS[name]
-    value = fem.Expression(f(x), POINTS, jit_options=JIT_OPTIONS)
-    slope = fem.Expression(ufl.derivative(f(u), u, du), POINTS, jit_options=JIT_OPTIONS)
+    value = fem.Expression(f(x), POINTS)
+    slope = fem.Expression(ufl.derivative(f(u), u, du), POINTS)
     cells = np.arange(6, dtype=np.int32)
     values, slopes_there = value.eval(CUBE, cells), slope.eval(CUBE, cells)
     with without_compiler():
-        arrays = [
-            fem.Expression(g, POINTS, jit_options=JIT_OPTIONS).eval(CUBE, cells) for g in (f(x), slope.ufl_expression)
-        ]
+        arrays = [fem.Expression(g, POINTS).eval(CUBE, cells) for g in (f(x), slope.ufl_expression)]
     for numpy, c in zip(arrays, (values, slopes_there), strict=True):
         np.testing.assert_array_max_ulp(numpy, c, maxulp=8)
     nodes = CUBE.geometry.x[CUBE.geometry.dofmaps[0]]
@@ -132,7 +130,7 @@ def test_a_program_that_would_read_elsewhere_is_refused(change: str) -> None:
 def test_any_number_of_points_fills_blocks(count: int) -> None:
     points = np.random.default_rng(count).dirichlet(np.ones(4), size=count)[:, :3]
     x = ufl.SpatialCoordinate(CUBE)
-    values = fem.Expression(x, points, jit_options=JIT_OPTIONS).eval(CUBE, np.arange(6, dtype=np.int32))
+    values = fem.Expression(x, points).eval(CUBE, np.arange(6, dtype=np.int32))
     weights = np.column_stack([1 - points.sum(axis=1), points])
     assert values == pytest.approx(
         np.einsum("qn,cni->cqi", weights, CUBE.geometry.x[CUBE.geometry.dofmaps[0]]), abs=1e-15
@@ -150,18 +148,17 @@ def test_programs_are_kept_and_read_again() -> None:
         made.append(1)
         return programs
 
-    with tempfile.TemporaryDirectory() as name:
-        directory = Path(name)
+    with tempfile.TemporaryDirectory() as name, kept_in(directory := Path(name)):
         for expected in (1, 1):
-            kept_programs(MPI.COMM_SELF, b"a text", make, directory)
+            kept_programs(MPI.COMM_SELF, b"a text", make)
             assert len(made) == expected
         (file,) = directory.glob("points_*.npz")
         file.write_bytes(file.read_bytes()[:-80] + bytes(80))  # damaged: made again
-        kept_programs(MPI.COMM_SELF, b"a text", make, directory)
+        kept_programs(MPI.COMM_SELF, b"a text", make)
         assert len(made) == 2
         other = Programs.of_expression(replace(program, slots=0), sources.used)  # complete, but of no use
-        kernel_files.publish(file, other.to_bytes())
-        kept_programs(MPI.COMM_SELF, b"a text", make, directory)
+        cache_files.publish(file, other.to_bytes())
+        kept_programs(MPI.COMM_SELF, b"a text", make)
         assert len(made) == 3
 
 
@@ -200,7 +197,7 @@ def forms_of_every_rank() -> list[Any]:
 
 
 def assembled(form: Any) -> np.ndarray:
-    compiled = fem.form(form, jit_options=JIT_OPTIONS)
+    compiled = fem.form(form)
     match len(form.arguments()):
         case 0:
             return np.array([fem.assemble_scalar(compiled)])
@@ -257,7 +254,7 @@ def test_more_kernels_than_functions_take_another_copy(monkeypatch: pytest.Monke
     del kernels
     gc.collect()
     assert len(interpreter._free) == 9
-    values = fem.Expression(ufl.SpatialCoordinate(CUBE)[0], POINTS, jit_options=JIT_OPTIONS)
+    values = fem.Expression(ufl.SpatialCoordinate(CUBE)[0], POINTS)
     assert values.eval(CUBE, np.array([0], dtype=np.int32)).shape == (1, 5)
 
 
@@ -291,7 +288,7 @@ def test_expressions_on_facets_are_what_ffcx_compiles(cell: mesh.CellType) -> No
     body.topology.create_connectivity(3, 2)
 
     def values(points: np.ndarray) -> np.ndarray:
-        return np.asarray(fem.Expression(expression, points, jit_options=JIT_OPTIONS).eval(body, entities))
+        return np.asarray(fem.Expression(expression, points).eval(body, entities))
 
     middle, more = np.full((1, 2), 1 / corners), np.array([[1 / corners, 1 / corners], [0.1, 0.2], [0.7, 0.1]])
     kernels._expression_programs(expression, more)

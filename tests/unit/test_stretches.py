@@ -19,7 +19,6 @@ from dolfinx.mesh import create_unit_cube
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.kinematics.kinematics import Deformation
 from hpcinv.physics.kinematics.principal_stretches import IsochoricStretches
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 pytestmark = pytest.mark.slow
 
@@ -38,7 +37,7 @@ def power_sum() -> Callable[..., list[Any]]:
     psi = IsochoricStretches(Deformation(H)).power_sum_minus_3(alpha)
     P = ufl.diff(psi, H)
     both = [tensor[i, j] for tensor in (P, ufl.diff(ufl.inner(P, G), H)) for i, j in np.ndindex(3, 3)]
-    compiled = fem.Expression(ufl.as_vector([psi, *both]), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+    compiled = fem.Expression(ufl.as_vector([psi, *both]), np.full((1, 3), 0.25))
 
     def evaluate(h: Any, direction: Any, exponent: float) -> list[Any]:
         H_value.value[...], G.value[...], alpha.value = h, direction, exponent

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from helpers.thick_sphere import INNER, OUTER, PRESSURE, sphere
 from helpers.verification import box, deform, job
 
 import hpcinv
-from hpcinv.base.parallel import jit
+from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.petsc_vectors import dot
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
@@ -75,13 +74,13 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
 
 def test_cavities_need_no_programs_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """A job without cavities has the programs of one with a volume as a quantity, and of one with unknown pressure."""
-    names, read = list[str](), jit.read_data
+    names, read = list[str](), code_cache.read
 
-    def recorded(name: str, directory: Path) -> bytes | None:
+    def recorded(name: str) -> bytes | None:
         names.append(name)
-        return read(name, directory)
+        return read(name)
 
-    monkeypatch.setattr(jit, "read_data", recorded)
+    monkeypatch.setattr(code_cache, "read", recorded)
     monkeypatch.setattr(Floor, "exceeds", lambda self, size, share: size <= share * self._value)  # always evaluated
     pressed = {"effects": [{"effect": "pressure", "region": "inner", "pressure": PRESSURE}]}
     programs = []

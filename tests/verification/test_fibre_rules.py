@@ -17,7 +17,6 @@ from helpers.verification import Solved, box, job
 
 import hpcinv as package
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.cli.rehearsal import rehearse
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
@@ -273,8 +272,3 @@ def test_fibre_rules_without_a_direction_are_refused_on_all_ranks(comm: MPI.Intr
     ):
         with pytest.raises(MeshError, match=text):
             found(with_rule(box((2, 2, 2)), rule, "x0"), comm)
-
-
-def test_programs_are_made_ahead_without_the_wall_of_a_rule() -> None:
-    """They are made on a few cells that do not touch."""
-    rehearse(with_rule(tube(2), TUBE | {"helix": ["60 deg", "-60 deg"]}, "z0"))

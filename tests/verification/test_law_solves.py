@@ -19,7 +19,6 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.physics.materials import laws
 from hpcinv.physics.materials.isochoric import IsochoricLaw
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 """Orthonormal directions for as many families of fibres; none that a box would leave at its length by chance."""
@@ -171,9 +170,9 @@ def test_homogeneous_patch_of_the_nearly_incompressible_form(law: str, comm: MPI
 def test_the_tangent_is_the_derivative_of_the_residual(law: str, direction: str, comm: MPI.Intracomm) -> None:
     solved = Solved(case(law, False, analysis=direction), comm)
     state, weak_form = solved.model.unknowns.state, solved.weak_form
-    residual = fem.form(weak_form.residual, jit_options=JIT_OPTIONS)
+    residual = fem.form(weak_form.residual)
     trial = ufl.TrialFunction(solved.model.unknowns.space)
-    tangent = fem.form(ufl.derivative(weak_form.residual, state, trial), jit_options=JIT_OPTIONS)
+    tangent = fem.form(ufl.derivative(weak_form.residual, state, trial))
     start = state.x.array.copy()
     towards = 0.02 * np.random.default_rng(1).uniform(-1, 1, start.size)
 

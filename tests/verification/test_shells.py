@@ -12,7 +12,6 @@ import hpcinv
 from hpcinv.__main__ import main
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
-from hpcinv.cli.rehearsal import rehearse
 from hpcinv.errors import MeshError
 from hpcinv.job.job import parse
 from hpcinv.mesh.readers import read_surface
@@ -38,13 +37,6 @@ def test_rigid_rotation_strains_nothing(tmp_path: Path) -> None:
     )
     assert result.solutions[0].strain_energy < 1e-9 * YOUNG * 0.1**3
     assert result.quantities["end"] == pytest.approx([-end[0] - end[1], end[0] - end[1], 0], abs=1e-9)
-
-
-def test_programs_of_a_shell_with_an_error_estimate_are_made_ahead(tmp_path: Path) -> None:
-    path = save_sheet(tmp_path / "sheet.msh", 2, 1, flat(1, 1))
-    certificate = {"round_trip": "off", "stability": False, "overlap": False, "estimate": True}
-    data = job(path, 0.1, analysis="forward", supports=[CLAMPED], certificate=certificate)
-    rehearse(parse(data, tmp_path / "job.yaml"))
 
 
 @pytest.mark.release

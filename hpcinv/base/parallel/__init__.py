@@ -1,1 +1,1 @@
-"""Processes and ranks: MPI, signals, memory, timings, and the compilation of kernels."""
+"""Processes and ranks: MPI, signals, memory, timings, and the cache."""

@@ -47,7 +47,7 @@ def _home_of_user() -> str:
 
 
 def _private_directory() -> Path:
-    """Make a directory for this user, the same in each run, so that compiled kernels in it serve later ones."""
+    """Make a directory for this user, the same in each run, so that the cache in it serves later ones."""
     try:
         path = Path(tempfile.gettempdir()) / f"hpcinv-home-{os.geteuid()}"
         path.mkdir(mode=0o700, exist_ok=True)

@@ -1,17 +1,11 @@
-"""Import of the compiled stack in the right order, and errors of the compilation of kernels.
+"""Import of the compiled stack in the right order.
 
 Import this module before anything that loads PETSc or DOLFINx.
 """
 
 import importlib
 import importlib.util
-import os
-import re
-import shlex
-import shutil
 import sys
-import sysconfig
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -69,50 +63,4 @@ with handlers_kept(), _readable_arguments():  # PETSc installs a handler of SIGT
     _load_stack()
 
 
-@contextmanager
-def compilation_explained(comm: MPI.Intracomm) -> Iterator[None]:
-    """Context in which a failed compilation of a kernel becomes ``SystemPartMissing`` on every rank.
-
-    Checking for a compiler beforehand would refuse runs whose kernels are all in the cache.
-    """
-    try:
-        yield
-    except Exception as exc:
-        modules = {frame.f_globals.get("__name__") for frame, _ in traceback.walk_tb(exc.__traceback__)}
-        if modules & {"dolfinx.jit", "hpcinv.base.parallel.jit"}:  # a failure on rank 0 is raised on all ranks
-            text = str(exc)
-            on_root(comm, lambda: explain_compilation(text))
-        raise
-
-
-def c_compiler() -> list[str]:
-    """Command of the C compiler: CC, else the compiler of the Python in use, else cc."""
-    if asked := os.environ.get("CC"):
-        return shlex.split(asked)
-    own = shlex.split(sysconfig.get_config_var("CC") or "cc")
-    return own if shutil.which(own[0]) else ["cc"]
-
-
-def explain_compilation(text: str, what: str = "kernels that were not compiled before") -> None:
-    """Raise ``SystemPartMissing`` if the text of a failed compilation has a known cause.
-
-    Args:
-        what: needs a compiler.
-    """
-    install = "nstall one (Debian, Ubuntu: apt-get install gcc libc6-dev), or set CC to yours."
-    compiler = c_compiler()[0]
-    if shutil.which(compiler) is None:
-        raise SystemPartMissing(
-            f"no C compiler '{compiler}' on {os.uname().nodename}, which is needed for {what}",
-            f"Elsewhere 'hpcinv compile JOB --cache DIR', then set HPCINV_KERNELS=DIR. Or i{install}",
-        )
-    if unwritten := re.search(r"(kernels cannot be written|the compiler cannot write) to .*", text):
-        raise SystemPartMissing(
-            unwritten[0],
-            "Make room there, or name others by HPCINV_KERNELS (kernels) and TMPDIR (the compiler's files).",
-        )
-    if failed := re.search(r"the C compiler .* could not compile a kernel.*", text, re.DOTALL):
-        raise SystemPartMissing(failed[0], f"I{install}")
-
-
-__all__ = ["MPI", "agree", "c_compiler", "compilation_explained", "explain_compilation", "on_root"]
+__all__ = ["MPI", "agree", "on_root"]

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 from hpcinv.base.parallel.memory_use import Memory
 
-WORK = ("compile", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
-"""Phases in kernels, PETSc and MPI, and the compilation of kernels; the rest of the wall time is overhead."""
+WORK = ("programs", "residual", "tangent", "factorization", "linear solve", "admissibility check", "evaluation")
+"""Phases in kernels, PETSc and MPI, and in which programs are made; the rest of the wall time is overhead."""
 NESTED = ("coarser mesh", "transfer")
 """Phases that nested iteration adds to the phases of any solve."""
 SOLVER = (

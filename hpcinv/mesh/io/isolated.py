@@ -134,20 +134,20 @@ def cad_contents(path: Path) -> dict[str, Any]:
 def _check_once(action: str, path: Path, check: Callable[[], object]) -> None:
     """Check a file that gmsh will read, which takes as long as reading it, unless a record says that it passed.
 
-    Records are next to the kernels, by the content of the file and the version of gmsh.
+    Records are in the cache, by the content of the file and the version of gmsh.
     """
     records, name = _records(), f"{action}_{file_digest(path)}_{version('gmsh')}"
-    if records is not None and records.read_record(name, records.DIRECTORY) is not None:
+    if records is not None and records.find(name) is not None:
         return
     check()
     if records is not None:
-        records.write_record(name, "gmsh reads it", records.DIRECTORY)
+        records.keep(name, b"gmsh reads it")
 
 
 def _records() -> Any:
-    """Return the module that keeps records, ``None`` if it refuses its directory: reading a mesh needs no kernels."""
+    """Return the module that keeps records, ``None`` if it refuses its directory: reading a mesh needs none."""
     try:
-        from hpcinv.base.parallel import jit
+        from hpcinv.base.parallel import code_cache
     except OutputError:
         return None
-    return jit
+    return code_cache

@@ -4,7 +4,7 @@ The place of each entry of each element matrix is computed once, which avoids PE
 """
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from hpcinv.base.parallel.jit import NoLibrary, array_type, compile_library
+from hpcinv.base.parallel.c_code import NoLibrary, array_type, compile_library
 from hpcinv.base.parallel.malloc import release_freed_memory
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
@@ -31,7 +31,6 @@ from hpcinv.model.assembly.pattern import pattern_of
 from hpcinv.model.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _CODE = Path(__file__).with_suffix(".c")
 
@@ -39,7 +38,7 @@ type FilledTerm = list[ElementMatrices] | fem.Form
 type _Code = ctypes.CDLL | type[CsrCode]
 
 
-def _code(comm: MPI.Intracomm) -> _Code:
+def compiled_code(comm: MPI.Intracomm) -> _Code:
     """Return the functions of this module in C, or in NumPy where there is no compiler; collective."""
     try:
         code = compile_library(comm, _CODE.read_text())
@@ -64,24 +63,23 @@ class FilledTangent:
     def __init__(
         self,
         weak_form: WeakForm,
-        jit_options: Mapping[str, Any] = JIT_OPTIONS,
         director: DirectorUnknowns | None = None,
     ) -> None:
-        self._unknowns, self._options, self._director = weak_form.unknowns, dict(jit_options), director
-        unknowns, options = weak_form.unknowns, self._options
-        moduli = moduli_at_points(weak_form.residual, unknowns, options)
+        self._unknowns, self._director = weak_form.unknowns, director
+        unknowns = weak_form.unknowns
+        moduli = moduli_at_points(weak_form.residual, unknowns)
         self._volume = [ElementMatrices(part, unknowns, director) for part in moduli]
-        self._code = _code(unknowns.mesh.comm)
+        self._code = compiled_code(unknowns.mesh.comm)
         surface = surface_tangent(weak_form.residual, unknowns.state)
-        self._surface = None if surface is None else fem.form(surface, jit_options=options)
+        self._surface = None if surface is None else fem.form(surface)
 
     def term(self, term: Term) -> FilledTerm:
         """Return a term that can be added to the tangent; collective."""
         try:
-            moduli = moduli_at_points(term, self._unknowns, self._options)
+            moduli = moduli_at_points(term, self._unknowns)
             return [ElementMatrices(part, self._unknowns, self._director) for part in moduli]
         except UnsupportedForm:
-            return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
+            return fem.form(ufl.replace(term.form, dict(term.factors)))
 
     def create_matrix(
         self, conditions: Sequence[fem.DirichletBC], like: object = None

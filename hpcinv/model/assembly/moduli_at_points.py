@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,9 +48,7 @@ class ModuliAtPoints:
         return values[:, self.first : self.first + len(self.points)]
 
 
-def moduli_at_points(
-    form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int | None = None
-) -> list[ModuliAtPoints]:
+def moduli_at_points(form: Any, unknowns: Unknowns, degree: int | None = None) -> list[ModuliAtPoints]:
     """Return the moduli of a residual or of a `Term`, part by part as `volume_parts`; collective.
 
     Args:
@@ -60,24 +57,22 @@ def moduli_at_points(
     Raises:
         UnsupportedForm: if the form is not as `tangent_moduli` says, for example by an effect of a plugin.
     """
-    (moduli,) = _at_points(form, unknowns, jit_options, [degree])
+    (moduli,) = _at_points(form, unknowns, [degree])
     return moduli
 
 
 def moduli_of_two_rules(
-    form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degree: int
+    form: Any, unknowns: Unknowns, degree: int
 ) -> tuple[list[ModuliAtPoints], list[ModuliAtPoints]]:
     """Return the moduli at the points of the form, and at the points of another degree, as `moduli_at_points` does.
 
     Both are one kernel, which always evaluates all points.
     """
-    own, other = _at_points(form, unknowns, jit_options, [None, degree])
+    own, other = _at_points(form, unknowns, [None, degree])
     return own, other
 
 
-def _at_points(
-    form: Any, unknowns: Unknowns, jit_options: Mapping[str, Any], degrees: Sequence[int | None]
-) -> list[list[ModuliAtPoints]]:
+def _at_points(form: Any, unknowns: Unknowns, degrees: Sequence[int | None]) -> list[list[ModuliAtPoints]]:
     """Return the moduli for each of some degrees, ``None`` for the form's."""
     whole = ufl.replace(form.form, dict(form.factors)) if isinstance(form, Term) else form
     mesh, functions, constants = unknowns.mesh, whole.coefficients(), whole.constants()
@@ -97,10 +92,10 @@ def _at_points(
         return Programs.of_expression(program, sources.used, pairs)
 
     slots = slots_of(unknowns.parts)
-    found, directory = [], Path(jit_options["cache_dir"])
+    found = []
     for number, part in enumerate(parts):
         try:
-            kept = kept_programs(mesh.comm, description + b" %d" % number, partial(make, part), directory)
+            kept = kept_programs(mesh.comm, description + b" %d" % number, partial(make, part))
         except NotAnalytic as reason:
             raise UnsupportedForm(str(reason)) from None
         pairs = tuple((slots[i], slots[j]) for i, j in kept.notes)

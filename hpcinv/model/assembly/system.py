@@ -22,7 +22,6 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _BALANCED = 1e-9
 """Nodal force, in shear moduli times the body's length squared, that does not hinder small load steps. With a larger
@@ -64,22 +63,18 @@ class System:
     # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property
     def _residual(self) -> fem.Form:
-        with self.timings("compile"):
-            return fem.form(self.weak_form.residual, jit_options=JIT_OPTIONS)
+        with self.timings("programs"):
+            return fem.form(self.weak_form.residual)
 
     @cached_property
     def _admissibility(self) -> Admissibility:
-        with self.timings("compile"):
+        with self.timings("programs"):
             return Admissibility(self.weak_form)
-
-    def compile(self) -> None:
-        """Compile residual and checks now, and not when they are first needed; collective."""
-        _ = self._residual, self._admissibility
 
     @cached_property
     def _tangent(self) -> Tangent:
         like = self._like
-        with self.timings("compile"):
+        with self.timings("programs"):
             tangent = like._tangent if like and "_tangent" in vars(like) else None
             return tangent_of(self.weak_form, like=tangent, director=self.director)
 
@@ -229,7 +224,7 @@ class System:
 
     def term(self, term: Term) -> Any:
         """Return a bilinear form as `tangent` takes it; collective."""
-        with self.timings("compile"):
+        with self.timings("programs"):
             return self._tangent.term(term)
 
     def linearise(self, load: float) -> None:
@@ -278,10 +273,6 @@ class System:
         trial.destroy()
         return share, fault
 
-    def compile_lifting(self) -> None:
-        """Compile the form for prescribed displacements."""
-        _ = self._step_form
-
     def destroy(self) -> None:
         """Free PETSc objects."""
         if self._constraint is not None:
@@ -329,8 +320,8 @@ class System:
     @cached_property
     def _step_form(self) -> fem.Form:
         """The tangent times a step, which is cheaper to compile and to evaluate than the tangent."""
-        with self.timings("compile"):
-            return fem.form(ufl.derivative(self.weak_form.residual, self.state, self._step), jit_options=JIT_OPTIONS)
+        with self.timings("programs"):
+            return fem.form(ufl.derivative(self.weak_form.residual, self.state, self._step))
 
 
 def _multiply_without_inodes() -> None:

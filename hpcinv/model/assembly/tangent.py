@@ -8,7 +8,7 @@ on every mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
@@ -22,7 +22,6 @@ from hpcinv.model.assembly.csr_tangent import FilledTangent
 from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 _MANY = 2_000  # cells from which two tangents save more time than the pattern costs
 _assumed: list[int] = []
@@ -38,15 +37,14 @@ class FormTangent:
 
     note = ""
 
-    def __init__(self, weak_form: WeakForm, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+    def __init__(self, weak_form: WeakForm) -> None:
         unknowns = weak_form.unknowns
         tangent = ufl.derivative(weak_form.residual, unknowns.state, ufl.TrialFunction(unknowns.space))
-        self._options = dict(jit_options)
-        self._form = fem.form(tangent, jit_options=self._options)
+        self._form = fem.form(tangent)
 
     def term(self, term: Term) -> fem.Form:
         """Return a term that can be added to the tangent; collective."""
-        return fem.form(ufl.replace(term.form, dict(term.factors)), jit_options=self._options)
+        return fem.form(ufl.replace(term.form, dict(term.factors)))
 
     def create_matrix(
         self, conditions: Sequence[fem.DirichletBC], like: Tangent | None = None
@@ -81,7 +79,6 @@ type Tangent = FormTangent | FilledTangent
 
 def tangent_of(
     weak_form: WeakForm,
-    jit_options: Mapping[str, Any] = JIT_OPTIONS,
     like: Tangent | None = None,
     director: DirectorUnknowns | None = None,
 ) -> Tangent:
@@ -92,16 +89,16 @@ def tangent_of(
         director: unknowns of the tangent, if they are not at the nodes; only moduli can be assembled in them.
     """
     if director is not None:
-        return FilledTangent(weak_form, jit_options, director)
+        return FilledTangent(weak_form, director)
     has_many = cells_of(weak_form.unknowns.mesh) >= _MANY if like is None else isinstance(like, FilledTangent)
     if not has_many:
-        return FormTangent(weak_form, jit_options)
+        return FormTangent(weak_form)
     try:
         if not weak_form.unknowns.has_whole_nodes:
             raise UnsupportedForm("the unknowns of a node do not follow each other")
-        return FilledTangent(weak_form, jit_options)
+        return FilledTangent(weak_form)
     except UnsupportedForm as why:
-        whole = FormTangent(weak_form, jit_options)
+        whole = FormTangent(weak_form)
         whole.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"
         return whole
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from dolfinx import la
 
-from hpcinv.base.parallel.jit import NoLibrary, array_type, compile_library
+from hpcinv.base.parallel.c_code import NoLibrary, array_type, compile_library
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices, Singles
 from hpcinv.mesh.cells import quadrature, scalar_element

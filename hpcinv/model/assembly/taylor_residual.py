@@ -9,9 +9,10 @@ displacement.
 from __future__ import annotations
 
 import ctypes
+import json
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,30 +22,29 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.available_memory import available
-from hpcinv.base.parallel.jit import NoLibrary, array_type, compile_library
+from hpcinv.base.parallel.c_code import NoLibrary, array_type, compile_library
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly import tangent_moduli
 from hpcinv.model.assembly import taylor_code as code_writer
-from hpcinv.model.assembly.derivation_record import DerivationRecord
 from hpcinv.model.assembly.element_matrices import directions_of, tabulated
 from hpcinv.model.assembly.tangent_moduli import Slot, UnsupportedForm, slots_of, volume_parts
 from hpcinv.model.assembly.taylor_arrays import TaylorArrays
 from hpcinv.model.assembly.taylor_code import LANES, taylor_code
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points import point_scalars, scalar_graph, slopes
 from hpcinv.physics.points.integrands import Integrand, Sources
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.physics.points.point_scalars import PointScalars
 from hpcinv.physics.points.point_values import PointKernel
-from hpcinv.physics.points.program_files import Programs, kept_programs
+from hpcinv.physics.points.program_files import Programs, digest, kept, kept_programs
 from hpcinv.physics.points.scalar_graph import Node, NotAnalytic, ScalarGraph
 from hpcinv.physics.points.slopes import coefficients
 from hpcinv.physics.points.tables import Tables, facet_rule
 
+_SOURCE = b"".join(Path(str(m.__file__)).read_bytes() for m in (tangent_moduli, code_writer, sys.modules[__name__]))
+"""plans depend on the modules that make them"""
 _SHARE = 0.4
 """Share of the available memory for coefficients of the unknowns, at nodes and at quadrature points. With more of them,
 there are fewer orders, whose range is shorter; a larger share may leave too little memory for the factors."""
@@ -67,21 +67,21 @@ class TaylorResidual:
         NotAnalytic: on all ranks, if the residual has no Taylor series; the message names the reason.
     """
 
-    def __init__(self, weak_form: WeakForm, jit_options: Mapping[str, Any] = JIT_OPTIONS) -> None:
+    def __init__(self, weak_form: WeakForm) -> None:
         self._unknowns, self._parameters = weak_form.unknowns, weak_form.parameters
         self.orders, self.order_bytes = 0, 0.0
         self._rates: list[float] = []
         self._parts: list[_KernelTerm] = []
         try:
             integrals = [*_volume(weak_form), *_surface(weak_form)]
-            plans = _plans(integrals, weak_form, jit_options)
+            plans = _plans(integrals, weak_form)
         except UnsupportedForm as reason:
             raise NotAnalytic(str(reason)) from None
         for integral, plan in zip(integrals, plans, strict=True):
             if plan.outputs:
                 kernel = _TaylorKernel(plan, integral, weak_form)
                 for domain in integral.domains:
-                    inputs = _inputs(integral, domain, weak_form, jit_options) if plan.input_count else None
+                    inputs = _inputs(integral, domain, weak_form) if plan.input_count else None
                     self._parts.append(_KernelTerm(kernel, inputs, domain, self._unknowns))
 
     def begin(self, orders: int, load: float) -> None:
@@ -220,26 +220,25 @@ class _Plan:
         return cls(tuple(Slot(*slot) for slot in outputs), tuple(Slot(*slot) for slot in leaves), *rest)
 
 
-def _plans(integrals: Sequence[_Integral], weak_form: WeakForm, jit_options: Mapping[str, Any]) -> list[_Plan]:
-    """Return the plans of integrals, of a record or derived; collective.
+def _plans(integrals: Sequence[_Integral], weak_form: WeakForm) -> list[_Plan]:
+    """Return the plans of integrals, from the cache or made on rank 0; collective.
 
-    The reason why there is no Taylor series is recorded too.
+    The reason why there is no Taylor series is kept too.
     """
+
+    def make() -> bytes:
+        try:
+            plans = [astuple(_derived(integral.integrand, weak_form).plan()) for integral in integrals]
+        except NotAnalytic as reason:
+            return json.dumps(str(reason)).encode()
+        return json.dumps(plans).encode()
+
     description = _description(weak_form) + b"".join(integral.points for integral in integrals)
-    modules = scalar_graph, point_scalars, slopes, tangent_moduli, code_writer, sys.modules[__name__]
-    record = DerivationRecord(weak_form.unknowns.mesh.comm, "taylor", description, modules, jit_options)
-    data = record.read()
+    name = f"taylor_{digest(_SOURCE + description)}.json"
+    data = kept(weak_form.unknowns.mesh.comm, name, make, json.loads)
     if isinstance(data, str):
         raise NotAnalytic(data)
-    if isinstance(data, list):
-        return [_Plan.from_data(entry) for entry in data]
-    try:
-        plans = [_derived(integral.integrand, weak_form).plan() for integral in integrals]
-    except NotAnalytic as reason:
-        record.write(str(reason))
-        raise
-    record.write([astuple(plan) for plan in plans])
-    return plans
+    return [_Plan.from_data(entry) for entry in data]
 
 
 def _description(weak_form: WeakForm) -> bytes:
@@ -254,7 +253,7 @@ def _description(weak_form: WeakForm) -> bytes:
     return f"{weak_form.residual.signature()} {numbers} {place}".encode()
 
 
-def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm, jit_options: Mapping[str, Any]) -> PointKernel:
+def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm) -> PointKernel:
     """Return what evaluates the inputs of an integral at the quadrature points of a domain; collective."""
     mesh, functions, constants = (
         weak_form.unknowns.mesh,
@@ -269,7 +268,7 @@ def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm, jit_optio
         return Programs.of_expression(maker.values(duals.inputs), sources.used)
 
     description = b"inputs " + _description(weak_form) + domain.points.tobytes() + integral.key
-    kept = kept_programs(mesh.comm, description, make, Path(jit_options["cache_dir"]))
+    kept = kept_programs(mesh.comm, description, make)
     return PointKernel(kept, domain.points, mesh.ufl_domain(), functions, constants)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.base.parallel.jit import NoLibrary, compile_library
+from hpcinv.base.parallel.c_code import NoLibrary, compile_library
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.points.array_interpreter import ArrayKernel, Place
 from hpcinv.physics.points.program import Program

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +12,9 @@ import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix
+import cffi
 import dolfinx.jit
+import ffcx.codegeneration.jit as ffcx_jit
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -20,10 +22,10 @@ from dolfinx.fem import IntegralType
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.classes import CoefficientDerivative, Jacobian
 
-from hpcinv.base.parallel import jit
-from hpcinv.base.parallel.runtime import MPI, explain_compilation, on_root
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.points import point_scalars
 from hpcinv.physics.points.array_interpreter import EXPRESSION, Place
+from hpcinv.physics.points.ffcx_fallback import compiled_by_ffcx
 from hpcinv.physics.points.integrands import Integrand, Sources
 from hpcinv.physics.points.interpreter import kernel_of
 from hpcinv.physics.points.program import Program
@@ -31,8 +33,17 @@ from hpcinv.physics.points.program_files import Integral, Programs, kept_program
 from hpcinv.physics.points.scalar_graph import NotAnalytic
 from hpcinv.physics.points.tables import Tables, cell_rule, facet_rule, on_facets
 
-JIT_OPTIONS = jit.JIT_OPTIONS
 _TYPES = tuple(IntegralType.__members__)
+
+
+@cache
+def _interface() -> Any:
+    """Return CFFI's description of the C types of kernels."""
+    interface = cffi.FFI()
+    interface.cdef(ffcx_jit.UFC_HEADER_DECL.format("float64"))
+    for declarations in (ffcx_jit.UFC_INTEGRAL_DECL, ffcx_jit.UFC_FORM_DECL, ffcx_jit.UFC_EXPRESSION_DECL):
+        interface.cdef(declarations)
+    return interface
 
 
 def _form_programs(form: Any) -> Programs:
@@ -134,7 +145,7 @@ class Structures:
     """Structures of UFCx, which keep what they refer to."""
 
     def __init__(self) -> None:
-        self.ffi = jit.interface()
+        self.ffi = _interface()
         self._kept: list[Any] = []
 
     def form(self, form: Any, programs: Programs) -> Any:
@@ -195,7 +206,7 @@ class Structures:
         return self.ffi.cast("ufcx_tabulate_tensor_float64 *", kernel.address)
 
 
-def kernels_of(comm: MPI.Intracomm, item: Any, directory: Path) -> tuple[Any, Any, tuple[str, Structures]]:
+def kernels_of(comm: MPI.Intracomm, item: Any) -> tuple[Any, Any, tuple[str, Structures]]:
     """Return what DOLFINx' just-in-time compiler returns for a form, or for an expression and points; collective.
 
     DOLFINx keeps the structures, which it takes for the code.
@@ -205,10 +216,10 @@ def kernels_of(comm: MPI.Intracomm, item: Any, directory: Path) -> tuple[Any, An
     """
     structures, description = Structures(), _signature(item)
     if isinstance(item, ufl.Form):
-        made = structures.form(item, kept_programs(comm, description, lambda: _form_programs(item), directory))
+        made = structures.form(item, kept_programs(comm, description, lambda: _form_programs(item)))
     else:
         expression, points = item
-        programs = kept_programs(comm, description, lambda: _expression_programs(*item), directory)
+        programs = kept_programs(comm, description, lambda: _expression_programs(*item))
         (mesh,) = ufl.domain.extract_domains(expression)
         constants = len(extract_constants(expression))
         made = structures.expression(programs, points, expression.ufl_shape, constants, mesh)
@@ -221,35 +232,14 @@ def _jit(comm: MPI.Intracomm, item: Any, form_compiler_options: Any = None, jit_
     Raises:
         SystemPartMissing: on all ranks, if it has to be compiled, and there is no compiler.
     """
-    directory = Path((jit_options or {}).get("cache_dir", jit.DIRECTORY))
     options: Mapping[str, Any] = form_compiler_options or {}
     missing = "its numbers are not of double precision"
     if np.dtype(options.get("scalar_type", np.float64)) == np.float64:
         try:
-            return kernels_of(comm, item, directory)
+            return kernels_of(comm, item)
         except NotAnalytic as reason:
             missing = str(reason)
-    place = term_places.get(missing, "a form")
-    _notes.setdefault(f"{place}: {missing}, which programs do not have: FFCx compiles it", True)
-    try:
-        return compiled_by_ffcx(comm, item, form_compiler_options=form_compiler_options, jit_options=jit_options)
-    except RuntimeError as error:
-        text = str(error)
-        on_root(comm, lambda: explain_compilation(text, f"{place}: {missing}"))
-        raise
-
-
-term_places: dict[str, str] = {}
-"""files and lines of terms of plugins, by what they have and programs do not"""
-_notes: dict[str, bool] = {}
-"""lines on what FFCx compiled, and whether they are new"""
-
-
-def notes_on_ffcx() -> list[str]:
-    """Return lines on what FFCx compiled in this process, each of them once."""
-    new = [line for line, is_new in _notes.items() if is_new]
-    _notes.update(dict.fromkeys(new, False))
-    return new
+    return compiled_by_ffcx(comm, item, missing, form_compiler_options, jit_options)
 
 
 def missing_in_programs(item: Any) -> str:
@@ -266,5 +256,4 @@ def missing_in_programs(item: Any) -> str:
     return ""
 
 
-compiled_by_ffcx = dolfinx.jit.ffcx_jit
 dolfinx.jit.ffcx_jit = _jit

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.base.parallel import jit
+from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.ranks import wait_for_all
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.points.program import Program
@@ -88,7 +88,7 @@ class Programs:
         return cls(functions, integrals, notes)
 
 
-def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Programs], directory: Path) -> Programs:
+def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Programs]) -> Programs:
     """Return programs, from the cache or made on rank 0; collective.
 
     Args:
@@ -97,26 +97,37 @@ def kept_programs(comm: MPI.Intracomm, description: bytes, make: Callable[[], Pr
     Raises:
         NotAnalytic: on all ranks, if `make` raises it.
     """
-    name = f"points_{sha1(_SOURCE + description).hexdigest()}"
-    if (content := comm.bcast(jit.read_data(name, directory) if comm.rank == 0 else None)) is not None:
+    return kept(comm, f"points_{digest(description)}.npz", lambda: make().to_bytes(), _read)
+
+
+def kept[T](comm: MPI.Intracomm, name: str, make: Callable[[], bytes], load: Callable[[bytes], T]) -> T:
+    """Return what ``load`` makes of a file of the cache, or of what ``make`` returns on rank 0; collective.
+
+    Args:
+        name: of the file, with a digest of all on which its content depends.
+
+    Raises:
+        NotAnalytic: on all ranks, if `make` raises it.
+    """
+    if (content := comm.bcast(code_cache.read(name) if comm.rank == 0 else None)) is not None:
         with suppress(ValueError, KeyError, TypeError):  # it is another's, or refers to what it does not have
-            return _read(content)
+            return load(content)
     content, fault = None, ""
     if comm.rank == 0:
-        jit.note_missing(name)
+        code_cache.note_missing(name)
         try:
-            content = make().to_bytes()
+            content = make()
         except NotAnalytic as reason:
             fault = str(reason)
         except Exception as error:  # UFL's errors have many types; FFCx, which is tried next, reports what is wrong
             fault = f"{type(error).__name__}: {error}"
         else:
-            jit.write_data(name, content, directory)
+            code_cache.keep(name, content)
     wait_for_all(comm)
     content, fault = comm.bcast((content, fault))
     if content is None:
         raise NotAnalytic(fault)
-    return _read(content)
+    return load(content)
 
 
 def _read(content: bytes) -> Programs:
@@ -126,3 +137,8 @@ def _read(content: bytes) -> Programs:
 @lru_cache(maxsize=128)  # the cases of a sweep need the same ones
 def _read_once(content: bytes) -> Programs:
     return Programs.from_bytes(content)
+
+
+def digest(description: bytes) -> str:
+    """Return a digest of all on which what is made depends: a description, and the modules of this package."""
+    return sha1(_SOURCE + description).hexdigest()

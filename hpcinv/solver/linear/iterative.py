@@ -28,7 +28,6 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.unlocked_petsc import set_up
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling
@@ -127,7 +126,7 @@ class Iterative(LinearConfiguration):
     def _pressure_mass(self) -> PETSc.Mat:
         """Return the scaled mass matrix at the present state; collective."""
         if self._mass is None:
-            self._form = fem.form(self._weak_form.pressure_mass(self._unknowns.pressure_space), jit_options=JIT_OPTIONS)
+            self._form = fem.form(self._weak_form.pressure_mass(self._unknowns.pressure_space))
             self._mass = fem_petsc.create_matrix(self._form)
         self._mass.zeroEntries()
         fem_petsc.assemble_matrix(self._mass, self._form)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from hpcinv.base.parallel.runtime import MPI, compilation_explained, on_root
+from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError, described
 from hpcinv.output.progress import SilentProgress
 from hpcinv.physics.points.interpreter import note_on_speed
@@ -43,7 +43,7 @@ def work(
     Raises:
         HpcinvError: the same on every rank, from `Worker.work`.
     """
-    with ExitStack() as held, compilation_explained(group):
+    with ExitStack() as held:
         worker = Worker(batch, group, note, stop_asked, holding or (lambda task: None))
 
         def open_ledger() -> None:

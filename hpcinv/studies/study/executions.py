@@ -68,7 +68,7 @@ class Executions:
         return self.plan.study.series_called(self.plan.runs[run].place.series).repeat or self.plan.study.repeat
 
     def needed(self, run: int) -> int:
-        """Return the number of executions that a run needs, as far as is known: one more if one compiled kernels.
+        """Return the number of executions that a run needs, as far as is known: one more if one made programs.
 
         It is 0 after a failure, which is not repeated.
         """

@@ -66,7 +66,7 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     timed = [r.statistics for r in records if r.converged and not r.compiled] or [
         r.statistics for r in records if r.converged
     ]
-    certified = [float(s["timings"]["total"]) - _phases(s, ("compile",)) for s in timed]
+    certified = [float(s["timings"]["total"]) - _phases(s, ("programs",)) for s in timed]
     seconds = {
         "run": [whole - _phases(s, ("certificate",)) for whole, s in zip(certified, timed, strict=True)],
         "certified": certified,
@@ -77,7 +77,7 @@ def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], par
     }
     costs |= {
         "time": costs[study.time],
-        "compile": max((_phases(r.statistics, ("compile",)) for r in records if r.statistics), default=None),
+        "programs": max((_phases(r.statistics, ("programs",)) for r in records if r.statistics), default=None),
         "factorizations": look_up(statistics_of_run, "solutions[].factorizations"),
         "newton_iterations": look_up(statistics_of_run, "solutions[].newton_iterations"),
         "unknowns": look_up(statistics_of_run, "mesh.unknowns"),

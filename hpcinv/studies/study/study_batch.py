@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hpcinv.base.parallel.jit import NOT_FOUND
+from hpcinv.base.parallel.code_cache import missing_count
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.errors import HpcinvError
@@ -52,7 +52,7 @@ class StudySchedule:
         if not record.converged:
             return line + record.status
         seconds = record.statistics["timings"]["total"]
-        return line + f"{seconds:.2f} s" + (", not counted: kernels had to be compiled" if record.compiled else "")
+        return line + f"{seconds:.2f} s" + (", not counted: programs had to be made" if record.compiled else "")
 
 
 class StudyRunner(Runner[StudyTask]):
@@ -67,9 +67,9 @@ class StudyRunner(Runner[StudyTask]):
             _load_gmsh(task.job, self.comm)
             self._is_first = False
         _reset_peak_memory()
-        count_before = len(NOT_FOUND)
+        count_before = missing_count()
         run(task.job, self.comm, progress=progress, stop_asked=stop_asked)
-        return {"compiled": self.comm.allreduce(len(NOT_FOUND) > count_before, op=MPI.LOR)}
+        return {"compiled": self.comm.allreduce(missing_count() > count_before, op=MPI.LOR)}
 
     def clear(self) -> None:
         collect_garbage(self.comm)

@@ -122,7 +122,7 @@ _COSTS = {
     "memory": "memory",
     "time": "time",
 }
-_LEFT_OUT = ("run", "certified", "solver", "compile", "cells")
+_LEFT_OUT = ("run", "certified", "solver", "programs", "cells")
 
 
 def _cost(name: str, value: float | None) -> str:

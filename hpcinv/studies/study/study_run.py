@@ -21,7 +21,7 @@ from hpcinv.studies.study.study_tables import as_hdf5, point_columns, point_unit
 from hpcinv.studies.study.work_precision import case_diagrams, work_precision
 
 SECONDS = {
-    "run": "whole run without compilation and certificate",
+    "run": "whole run without its certificate, and without making programs",
     "certified": "whole run with its certificate",
     "solver": "Newton's method",
 }

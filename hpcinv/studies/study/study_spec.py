@@ -25,7 +25,7 @@ from hpcinv.studies.batch.axes import Axis
 
 STATISTICS = ("average", "sd", "minimum", "maximum")
 """statistics of an error over the cases"""
-COSTS = dict.fromkeys(("time", "run", "certified", "solver", "compile"), "s")
+COSTS = dict.fromkeys(("time", "run", "certified", "solver", "programs"), "s")
 COSTS |= dict.fromkeys(("factorizations", "newton_iterations", "unknowns", "cells"), "") | {"memory": "B"}
 """costs of every run, with their units"""
 SUMMARY = ("mesh", "partition", "solutions", "quantities", "errors", "timings", "certificate", "peak_memory")
@@ -197,7 +197,7 @@ class Study(Spec):
     costs: Mapping[Name, SummaryKey] = {}
     """further costs by keys of the summary, such as {iterations: "solutions[].iterations"}"""
     time: Literal["run", "certified", "solver"] = "run"
-    """seconds without compilation: of the run without its certificate, of the whole run, or of Newton's method alone"""
+    """seconds, without making programs: of the run without its certificate, of all, or of Newton's method alone"""
     repeat: Annotated[int, Field(ge=1)] = 3
     """number of timed executions of each run; the median counts"""
     limit: Annotated[float, Quantity("s", above=0.0)] | None = None

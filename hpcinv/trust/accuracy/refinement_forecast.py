@@ -21,7 +21,7 @@ CAREFUL, BOLD = 2.0, 4.0  # largest refinement factor of one step, before and af
 WORTHWHILE = 0.8  # largest ratio of errors of a step that is taken although it does not meet the demand
 LARGEST = 1e3  # largest refinement factor that is thought of; larger ones only cost time here
 HIGHEST_DEGREE = 3  # largest degree that is chosen; its estimate uses one degree more
-COMPILATION = 10.0  # smallest presumed time (s) to compile kernels of a degree that the run has not used
+PROGRAMS = 1.0  # smallest presumed time (s) to make programs of a degree that the run has not used
 POWER, SHORTEST = 1.5, 0.01  # ``q`` until a factorization has taken so many seconds
 SHAMANSKII = 1.5  # number of factorizations of a solve from the solution on a coarser mesh
 
@@ -48,7 +48,7 @@ class Step:
         cell: "tetrahedron" or "hexahedron".
         size: of the cells, relative to the first mesh; ``None`` if they were refined locally.
         solve, estimate: their work; the estimate is one tangent of one degree more, of a shell on halved cells.
-        compilation: seconds to compile kernels.
+        programs: seconds to make programs.
         dimension: 3, or 2 of a shell: of the directions in which cells get smaller.
     """
 
@@ -57,7 +57,7 @@ class Step:
     cells: int
     solve: Work
     estimate: Work
-    compilation: float
+    programs: float
     dimension: Literal[2, 3] = 3
 
     @property
@@ -177,7 +177,7 @@ class RefinementForecast:
         else:
             seconds += self.seconds(degree + 1, cells, unknowns * ((degree + 1) / degree) ** 3)
         if degree not in {step.degree for step in self.steps}:
-            seconds += max(COMPILATION, *(step.compilation for step in self.steps))
+            seconds += max(PROGRAMS, *(step.programs for step in self.steps))
         return RefinementChoice(kind, factor, degree, round(unknowns), excess, seconds)
 
     def _slopes(self, degree: int) -> list[float]:

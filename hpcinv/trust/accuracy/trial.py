@@ -29,7 +29,7 @@ from hpcinv.trust.accuracy.meshes import Variant
 from hpcinv.trust.accuracy.refinement_forecast import Step, Work
 from hpcinv.trust.certificate.discretisation_error import Estimate, estimate
 
-_PHASES = ("tangent", "factorization", "compile")
+_PHASES = ("tangent", "factorization", "programs")
 # A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.
 _PADDING = 0.2
 
@@ -94,7 +94,7 @@ def attempt(
             estimated["tangent"],
             estimated["factorization"],
         ),
-        compilation=solved["compile"] + estimated["compile"],
+        programs=solved["programs"] + estimated["programs"],
         dimension=2 if is_shell else 3,
     )
     return Trial(job, variant, body, equations, solution, quantities, estimated_error, step, observed.unused_options)

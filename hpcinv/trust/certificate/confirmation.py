@@ -40,7 +40,6 @@ from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.weak_form import Part, WeakForm
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.inertia import inertia
@@ -63,11 +62,11 @@ def second_variation(equations: Equations, given_u: fem.Function | None) -> fem.
     weak_form = equations.weak_form("forward", given_u, degree)
     unknowns, parts = weak_form.unknowns, weak_form.kinematics.integration.part
     trial = ufl.TrialFunction(unknowns.space)
-    with equations.timings("compile"):
+    with equations.timings("programs"):
         form = ufl.derivative(weak_form.residual, unknowns.state, trial)
         for number, part in enumerate(weak_form.parts):
             form += weak_form.kinematics.dV(_added(weak_form, part, trial), parts(number))
-        return fem.form(form, jit_options=JIT_OPTIONS)
+        return fem.form(form)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,6 @@ from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
 from hpcinv.model.state import State
 from hpcinv.physics.effects import Direction
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
@@ -565,6 +564,6 @@ def _cell_indicators(delta: fem.Function, length: float) -> npt.NDArray[np.float
     degree = 2 * delta.function_space.ufl_element().degree - 2
     dx = ufl.dx(metadata=quadrature_metadata(mesh.basix_cell().name, degree))
     form = ufl.inner(gradient, gradient) * ufl.TestFunction(constant) * dx
-    vector = fem.assemble_vector(fem.form(form, jit_options=JIT_OPTIONS))
+    vector = fem.assemble_vector(fem.form(form))
     owned = mesh.topology.index_map(3).size_local
     return np.asarray(vector.array[constant.dofmap.list[:owned, 0]])

@@ -254,7 +254,7 @@ class _Relabelling:
         unknowns, mesh = equations.unknowns, equations.body.mesh
         equations.put(solution.moved_to(solution.reference_nodes))
         weak_form = equations.weak_form("forward")
-        with equations.timings("compile"):
+        with equations.timings("programs"):
             means = CellMeans([(weak_form.H, None)], mesh, weak_form.quadrature_degree)
         with equations.timings("evaluation"):
             H = means()

@@ -28,7 +28,6 @@ from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges
 from hpcinv.trust.certificate.wedge_exponents import SMOOTH
@@ -149,7 +148,7 @@ def volume_share(correction: fem.Function, cells: npt.NDArray[np.bool_]) -> floa
     chosen.x.array[chosen.function_space.dofmap.list[: len(cells), 0]] = cells
     integrand = is_volume * ufl.tr(strain) ** 2 + (1 - is_volume) * 2 * ufl.inner(strain, strain)
     degree = 2 * correction.function_space.ufl_element().degree - 2
-    form = fem.form(chosen * integrand * ufl.dx(mesh, metadata={"quadrature_degree": degree}), jit_options=JIT_OPTIONS)
+    form = fem.form(chosen * integrand * ufl.dx(mesh, metadata={"quadrature_degree": degree}))
     sums = []
     for is_volume.value in (1.0, 0.0):
         sums.append(mesh.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM))

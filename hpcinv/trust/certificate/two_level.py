@@ -42,7 +42,6 @@ from hpcinv.model.assembly.tangent_product import TangentProduct
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.physics.effects import Direction
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import CONTRACTING
 from hpcinv.solver.linear_solver import LinearSolver
@@ -96,14 +95,14 @@ def _volume_product(equations: Equations, finer: Equations, direction: Direction
         return None
     residual, coarse, degree = equations.weak_form(direction).residual, equations.unknowns, finer.quadrature_degree
     try:
-        with finer.timings("compile"):
+        with finer.timings("programs"):
             # In strongly curved cells the moduli vary too much to be extended from the points of the solve.
             curved = _curved_cells(coarse.mesh)
             if coarse.mesh.comm.allreduce(bool(curved.any()), op=MPI.LOR):
                 moduli, all_moduli = _moduli_of_both(residual, coarse, equations.quadrature_degree, degree)
                 moduli = [*_moduli_of_cells(moduli, ~curved), *_moduli_of_cells(all_moduli, curved)]
             else:
-                moduli = moduli_at_points(residual, coarse, JIT_OPTIONS)
+                moduli = moduli_at_points(residual, coarse)
     except UnsupportedForm:
         return None
     with finer.timings("tangent"):
@@ -117,10 +116,10 @@ def _moduli_of_both(
     kind = unknowns.mesh.basix_cell().name
     points = sum(len(quadrature(kind, rule_degree)[1]) for rule_degree in (degree, finer_degree))
     if cells_of(unknowns.mesh) * points <= _FEW:
-        return moduli_of_two_rules(residual, unknowns, JIT_OPTIONS, finer_degree)
+        return moduli_of_two_rules(residual, unknowns, finer_degree)
     return (
-        moduli_at_points(residual, unknowns, JIT_OPTIONS),
-        moduli_at_points(residual, unknowns, JIT_OPTIONS, finer_degree),
+        moduli_at_points(residual, unknowns),
+        moduli_at_points(residual, unknowns, finer_degree),
     )
 
 
@@ -175,8 +174,8 @@ class _FinerProblem:
         weak_form, state = finer.weak_form(direction), finer.unknowns.state.x
         self._put = finer.put_unknowns
         finer.impose_supports(direction)
-        with finer.timings("compile"):
-            self._form = fem.form(weak_form.residual, jit_options=JIT_OPTIONS)
+        with finer.timings("programs"):
+            self._form = fem.form(weak_form.residual)
             self._differentiated = self._form if volume_product is None else _surface_form(weak_form)
         self._origin: Floats = state.array.copy()
         self._b = fem_petsc.create_vector(self._unknowns.space)
@@ -297,4 +296,4 @@ def _surface_form(weak_form: WeakForm) -> fem.Form | None:
     if surface_tangent(weak_form.residual, weak_form.unknowns.state) is None:
         return None
     surface = [integral for integral in weak_form.residual.integrals() if integral.integral_type() != "cell"]
-    return fem.form(ufl.Form(surface), jit_options=JIT_OPTIONS)
+    return fem.form(ufl.Form(surface))

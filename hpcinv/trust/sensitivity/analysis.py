@@ -298,7 +298,7 @@ def _explicit(
         return unchanged, numbers.rates(parameter)
     if not isinstance(owner, Ingredient) or parameter.where not in job.owners:  # or of another state
         return unchanged, numbers.rates(parameter)
-    with equations.timings("compile"):
+    with equations.timings("programs"):
         derivative = weak_form.parameter_derivative
     local = parameter.where.removeprefix(job.place("effects").removesuffix("effects"))
     direction = weak_form.parameters.direction({local: owner.rates(place)})

@@ -1,12 +1,10 @@
-"""Compiled kernels that runs share: killed compilations, damaged files, full disks, and who may have written them."""
+"""The cache that runs share: killed compilations, damaged files, full disks, and who may have written them."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import fcntl
-import json
-import math
 import os
 import shutil
 import signal
@@ -19,12 +17,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import basix.ufl
 import pytest
-from helpers.command_line import CUBE, PATIENCE, ROOT, Started, environment, hpcinv, write_job
+from helpers.command_line import CUBE, PATIENCE, Started, environment, hpcinv, write_job
 
-from hpcinv.base.parallel import kernel_files, ownership
-from hpcinv.base.parallel.jit import refuse_foreign
+from hpcinv.base.parallel import cache_files, ownership
+from hpcinv.base.parallel.code_cache import refuse_foreign
 from hpcinv.errors import OutputError
 
 SMALL: Mapping[str, Any] = {
@@ -33,15 +30,9 @@ SMALL: Mapping[str, Any] = {
     "quantities": [{"name": "stress", "of": "von_mises", "on": "block", "reduce": "mean"}],
     "output": {"fields": False, "mesh": []},
 }
-# The command line with another release of DOLFINx.
-OTHER_RELEASE = """import hpcinv.base.parallel.runtime, dolfinx, runpy, sys
-dolfinx.__version__ = "0.99.0"
-sys.argv[0] = "hpcinv"
-runpy.run_module("hpcinv", run_name="__main__", alter_sys=True)
-"""
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
 
-# A compiler that notes which kernel it compiles, and waits before that for as long as there is a file 'hold'.
+# A compiler that notes what it compiles, and waits before that for as long as there is a file 'hold'.
 COMPILER = """#!/bin/sh
 for argument in "$@"; do case "$argument" in *.c) echo "$(basename "$argument")" >> {here}/compiled;; esac; done
 while [ -e {here}/hold ]; do sleep 0.05; done
@@ -74,11 +65,6 @@ def kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return here / "all"
 
 
-def test_elements_share_their_cell() -> None:
-    cells = {id(basix.ufl.element("P", "tetrahedron", degree).cell) for degree in (1, 2)}
-    assert len(cells) == 1
-
-
 def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(
     job: Path, compiler: Path, tmp_path: Path
 ) -> None:
@@ -91,12 +77,12 @@ def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(
             first.kill()  # with its compiler
             hold.unlink()
             assert second.exit_code() == 0, second.text
-    assert not list(tmp_path.glob("cache/fenics/*.partial"))
+    assert not list(tmp_path.glob("cache/hpcinv/*.partial"))
 
 
 def has_lock_open(process: int) -> bool:
     try:
-        return any(str(path.readlink()).endswith("kernels.lock") for path in Path(f"/proc/{process}/fd").iterdir())
+        return any(str(path.readlink()).endswith("cache.lock") for path in Path(f"/proc/{process}/fd").iterdir())
     except OSError:  # it has ended, or a file was closed meanwhile
         return False
 
@@ -108,37 +94,19 @@ def wait_for(condition: Any) -> None:
         time.sleep(0.02)
 
 
-def test_runs_that_need_the_same_kernels_compile_each_once(job: Path, compiler: Path, tmp_path: Path) -> None:
+def test_runs_that_begin_together_compile_each_file_once(job: Path, compiler: Path, tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         runs = [pool.submit(hpcinv, 1, "run", job, "--output", f"results-{i}", cwd=tmp_path) for i in range(2)]
         for done in (r.result() for r in runs):
             assert done.returncode == 0, done.stderr
     compiled = Counter((tmp_path / "compiled").read_text().split())
-    assert {f"{name.stem}.c" for name in tmp_path.glob("cache/fenics/*.so")} == set(compiled)
+    assert {f"{name.stem}.c" for name in tmp_path.glob("cache/hpcinv/*.so")} == set(compiled)
     assert set(compiled.values()) == {1}
-
-
-def test_an_unknown_release_compiles_kernels_by_its_own_functions(tmp_path: Path) -> None:
-    """Simple shear, of enough cells for compiled moduli."""
-    mesh = {"file": str(ROOT / "meshes" / "box.py"), "parameters": dict.fromkeys(("nx", "ny", "nz"), 7)}
-    job, script = write_job(tmp_path / "job.yaml", SMALL, mesh=mesh), tmp_path / "other.py"
-    script.write_text(OTHER_RELEASE)
-    # The second rank loads what the first compiles.
-    done = hpcinv(2, "run", job, "--output", "run", cwd=tmp_path, script=script, XDG_CACHE_HOME=str(tmp_path / "cache"))
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count("compile kernels by themselves: hpcinv replaces functions of 0.11 only") == 1
-    shear, modulus = 0.1, 1e6 / 2.6
-    stress = modulus * shear * math.sqrt(3 + shear**2)
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["quantities"]["stress"] == pytest.approx(stress, rel=1e-9)
-    assert list(tmp_path.glob("cache/fenics/points_*.npz"))
 
 
 @pytest.mark.everyday("SIGTERM")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGUSR1"])
-def test_a_signal_while_a_kernel_is_compiled_stops_the_run(
-    name: str, job: Path, compiler: Path, tmp_path: Path
-) -> None:
+def test_a_signal_while_code_is_compiled_stops_the_run(name: str, job: Path, compiler: Path, tmp_path: Path) -> None:
     """mpirun forwards it to all processes, the compiler among them."""
     hold = tmp_path / "hold"
     hold.touch()
@@ -237,50 +205,50 @@ def test_a_full_disk_leaves_the_work_to_numpy(job: Path, tmp_path: Path) -> None
 def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "full").touch()
     reason = "(Not a directory|File exists)"
-    with pytest.raises(kernel_files.NotWritten, match=rf"kernels cannot be written to .*: {reason}"):
-        kernel_files.publish(tmp_path / "full" / "libffcx_forms_0.so", b"")
+    with pytest.raises(cache_files.NotWritten, match=rf"the cache .* cannot be written: {reason}"):
+        cache_files.publish(tmp_path / "full" / "points_0.npz", b"")
 
 
-def test_without_locks_kernels_are_compiled_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_locks_files_are_made_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "lockf", none)
-    with kernel_files.locked(tmp_path, "libffcx_forms_0"), kernel_files.locked(tmp_path, "libffcx_forms_0"):
+    with cache_files.locked(tmp_path, "hpcinv_0"), cache_files.locked(tmp_path, "hpcinv_0"):
         pass
 
 
 HOLD = """
 import sys
 from pathlib import Path
-from hpcinv.base.parallel.kernel_files import locked
+from hpcinv.base.parallel.cache_files import locked
 with locked(Path(sys.argv[1]), "a"):
     print("holds", flush=True)
     sys.stdin.read()
 """
 
 
-def test_a_lock_is_of_one_kernel_and_is_waited_for_with_patience(tmp_path: Path) -> None:
+def test_a_lock_is_of_one_file_and_is_waited_for_with_patience(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, tmp_path], env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:
         assert other.stdout is not None
         other.stdout.readline()
         other.send_signal(signal.SIGSTOP)
-        with kernel_files.locked(tmp_path, "b", patience=1e9):
+        with cache_files.locked(tmp_path, "b", patience=1e9):
             pass
-        with kernel_files.locked(tmp_path, "a", patience=0.2):  # it is stopped: no longer waited for
+        with cache_files.locked(tmp_path, "a", patience=0.2):  # it is stopped: no longer waited for
             pass
         other.send_signal(signal.SIGCONT)
         other.kill()
 
 
-def test_partly_published_kernels_are_removed_later(tmp_path: Path) -> None:
+def test_partly_published_files_are_removed_later(tmp_path: Path) -> None:
     old, new = tmp_path / ".k.so.here-1.partial", tmp_path / ".k.so.here-2.partial"
     for path in (old, new):
         path.touch()
     os.utime(old, (0, 0))
-    with kernel_files.locked(tmp_path, "k"):
+    with cache_files.locked(tmp_path, "k"):
         assert not old.exists()
         assert new.exists()
 
@@ -318,7 +286,7 @@ def everybody_above(directory: Path) -> None:
 )
 def test_a_directory_that_another_user_could_have_written_is_refused(change: Any, reason: str, tmp_path: Path) -> None:
     directory = tmp_path / "shared" / "kernels"
-    kernel_files.make_directory(directory)
+    cache_files.make_directory(directory)
     refuse_foreign("HPCINV_KERNELS", directory)
     change(directory)
     with pytest.raises(OutputError) as refused:
@@ -328,16 +296,16 @@ def test_a_directory_that_another_user_could_have_written_is_refused(change: Any
     assert "HPCINV_TRUST_KERNELS=1" in str(refused.value)
 
 
-def test_kernels_that_another_user_could_have_written_are_refused_unless_trusted(
+def test_a_cache_that_another_user_could_have_written_is_refused_unless_trusted(
     job: Path, kernels: Path, tmp_path: Path
 ) -> None:
-    cache = tmp_path / "cache" / "fenics"
+    cache = tmp_path / "cache" / "hpcinv"
     shutil.copytree(kernels, cache)
     cache.chmod(0o777)
     env = {"XDG_CACHE_HOME": str(cache.parent)}
     refused = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, **env)
     assert refused.returncode == 2
-    assert refused.stderr.count(f"the cache of kernels {cache}: it can be written by everybody") == 1
+    assert refused.stderr.count(f"the cache {cache}: it can be written by everybody") == 1
     assert not (tmp_path / "results").exists()
     wrong = hpcinv(1, "run", job, cwd=tmp_path, HPCINV_TRUST_KERNELS="yes", **env)
     assert wrong.returncode == 2
@@ -346,10 +314,10 @@ def test_kernels_that_another_user_could_have_written_are_refused_unless_trusted
     assert done.returncode == 0, done.stderr
 
 
-def test_directories_of_kernels_are_made_for_their_user_alone_to_write(tmp_path: Path) -> None:
+def test_a_cache_is_made_for_its_user_alone_to_write(tmp_path: Path) -> None:
     before = os.umask(0o000)
     try:
-        kernel_files.make_directory(tmp_path / "new" / "kernels")
+        cache_files.make_directory(tmp_path / "new" / "kernels")
         assert os.umask(0o000) == 0o000
     finally:
         os.umask(before)

@@ -1,8 +1,8 @@
-"""Files of compiled kernels: with a checksum, published atomically, and compiled by one process at a time.
+"""Files of the cache: with a checksum, published atomically, and C code compiled by one process at a time.
 
 A process may be killed at any moment. It compiles in a private directory, and the finished file is renamed into the
-cache, so that readers find a complete kernel or none. The lock on a kernel is released by the operating system when the
-process ends. It only saves work: without locks (on some network file systems), or if the owner takes too long, a kernel
+cache, so that readers find a complete file or none. The lock on a file is released by the operating system when the
+process ends. It only saves work: without locks (on some network file systems), or if the owner takes too long, code
 is compiled more than once, and the last file is kept.
 """
 
@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 
-_LOCK = "kernels.lock"
+_LOCK = "cache.lock"
 _PARTIAL = ".partial"
 _MARK = b"hpcinv kernel 1\n"
 """End of a sealed file, after the SHA-256 of the content. The loader ignores data after the sections of a shared
@@ -26,7 +26,7 @@ _LEFT_BEHIND = 3600.0
 
 
 class NotWritten(Exception):
-    """A kernel cannot be written to the cache, or the compiler cannot write its files."""
+    """A file cannot be written to the cache, or the compiler cannot write its files."""
 
 
 def make_directory(path: Path) -> None:
@@ -51,12 +51,12 @@ def unsealed(content: bytes) -> bytes:
 
 
 def is_sealed(content: bytes) -> bool:
-    """Return whether the content is a complete kernel file, unchanged since it was published."""
+    """Return whether the content is a complete file, unchanged since it was published."""
     return content.endswith(sha256(unsealed(content)).digest() + _MARK)
 
 
 def publish(path: Path, content: bytes) -> None:
-    """Write a shared object to the cache, atomically and with its checksum, replacing an existing file.
+    """Write a file to the cache, atomically and with its checksum, replacing an existing file.
 
     Raises:
         NotWritten: with the reason.
@@ -72,19 +72,19 @@ def publish(path: Path, content: bytes) -> None:
     except OSError as error:
         with suppress(OSError):
             partial.unlink()
-        raise NotWritten(f"kernels cannot be written to {path.parent}: {error.strerror}") from error
+        raise NotWritten(f"the cache {path.parent} cannot be written: {error.strerror}") from error
 
 
 @contextmanager
 def locked(directory: Path, name: str, patience: float = 600.0) -> Iterator[None]:
-    """Context in which no other process compiles the kernel ``name``; without file locks there is no waiting.
+    """Context in which no other process makes the file ``name``; without file locks there is no waiting.
 
     Args:
         patience: longest time (s) to wait for another process, which may be stopped.
     """
     try:
         make_directory(directory)
-        # Everyone who can write into the directory can lock. One file for all kernels, with one byte for each.
+        # Everyone who can write into the directory can lock. One lock file for all, with one byte for each.
         mode = 0o644 | (directory.stat().st_mode & 0o022)
         file = os.open(directory / _LOCK, os.O_RDWR | os.O_CREAT, mode)
     except OSError:
@@ -113,7 +113,7 @@ def _remove_left_behind(directory: Path) -> None:
 
     Listing the directory also makes NFS clients ask the server again for files that they have cached as missing.
     """
-    for name in os.listdir(directory):  # noqa: PTH208  (no path for each of thousands of kernels)
+    for name in os.listdir(directory):  # noqa: PTH208  (no path for each of thousands of files)
         if name.endswith(_PARTIAL):
             with suppress(OSError):
                 partial = directory / name
@@ -129,7 +129,7 @@ def private_directory() -> Iterator[Path]:
         NotWritten: with the reason.
     """
     try:
-        made = tempfile.TemporaryDirectory(prefix="hpcinv-kernel-", ignore_cleanup_errors=True)
+        made = tempfile.TemporaryDirectory(prefix="hpcinv-code-", ignore_cleanup_errors=True)
     except OSError as error:  # tempfile has tried all its directories
         where = os.environ.get("TMPDIR") or "the directory for temporary files"
         raise NotWritten(f"the compiler cannot write to {where}: {error.strerror}") from error
