@@ -10,7 +10,6 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube
-from hpcinv.base.parallel.jit import JIT_OPTIONS
 from ufl.algorithms import expand_derivatives
 
 from hpcinv.base.parallel.runtime import MPI
@@ -44,7 +43,7 @@ class Energy:
 
     def values(self, expression: Any) -> Any:
         entries = ufl.as_vector([expression[at] for at in np.ndindex(3, 3)])
-        compiled = fem.Expression(remove_stages(entries), np.full((1, 3), 0.25), jit_options=JIT_OPTIONS)
+        compiled = fem.Expression(remove_stages(entries), np.full((1, 3), 0.25))
         return compiled.eval(self.mesh, np.zeros(1, dtype=np.int32)).reshape(3, 3)
 
     def expected(self) -> Any:
