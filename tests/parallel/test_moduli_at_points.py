@@ -15,6 +15,7 @@ from helpers.verification import box, deform, job
 from helpers.without_compiler import without_compiler
 from petsc4py import PETSc
 
+from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
@@ -157,7 +158,7 @@ def damage(directory: Path) -> None:
 def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On rank 0, by region; and again, where their file is damaged or not there any more, or for other points."""
     directory = Path(comm.bcast(str(tmp_path)))
-    options = {"cache_dir": directory}
+    monkeypatch.setattr(code_cache, "_places", (directory,))
     derive = Mock(side_effect=Integrand.moduli, autospec=True)
     monkeypatch.setattr(Integrand, "moduli", lambda *arguments: derive(*arguments))
 
@@ -165,7 +166,7 @@ def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatc
         """How often moduli are derived in a new model, and their values."""
         data = TWO_REGIONS | {"discretisation": {"displacement": 2, "quadrature": degree}}
         before, model = derive.call_count, model_of(data, comm)
-        moduli = moduli_at_points(model.weak_form("inverse").residual, model.unknowns, options)
+        moduli = moduli_at_points(model.weak_form("inverse").residual, model.unknowns)
         count = comm.allreduce(derive.call_count - before)
         return count, [part.kernel.eval(model.unknowns.mesh, part.cells) for part in moduli]
 

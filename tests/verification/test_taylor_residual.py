@@ -17,6 +17,7 @@ from helpers.verification import box, deform, job
 from helpers.without_compiler import without_compiler
 from mpmath import mp
 
+from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
@@ -206,7 +207,7 @@ def test_taylor_arithmetic_is_derived_once(
 ) -> None:
     """And again, where the record or the program of its inputs is not there any more, or is damaged."""
     directory = Path(comm.bcast(str(tmp_path)))
-    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": directory}
+    monkeypatch.setattr(code_cache, "_places", (directory,))
     derivations = 0
 
     def derive(*arguments: Any) -> Any:
@@ -222,7 +223,7 @@ def test_taylor_arithmetic_is_derived_once(
         model, before = model_of("inverse", "displacement", names, comm), derivations
         deform(model.unknowns)
         weak_form, values = model.weak_form("inverse"), []
-        system, taylor = System(weak_form, model.supports, Timings()), TaylorResidual(weak_form, options)
+        system, taylor = System(weak_form, model.supports, Timings()), TaylorResidual(weak_form)
         taylor.begin(2, 0.7)
         for order in range(3):
             taylor.put(order, model.unknowns.state.x.array / (order + 1), 0.3)
@@ -231,7 +232,7 @@ def test_taylor_arithmetic_is_derived_once(
         return comm.allreduce(derivations > before, MPI.LOR), values
 
     def damage() -> None:
-        for path in directory.glob("taylor_*.txt"):
+        for path in directory.glob("taylor_*.json"):
             path.write_bytes(path.read_bytes()[:-60] + bytes(60))
 
     def forget(pattern: str) -> None:
@@ -243,7 +244,7 @@ def test_taylor_arithmetic_is_derived_once(
     changes: list[tuple[bool, Callable[[], object]]] = [
         (False, lambda: None),
         (True, lambda: forget("points_*.npz")),
-        (True, lambda: forget("taylor_*.txt")),
+        (True, lambda: forget("taylor_*.json")),
         (True, damage),
         (False, lambda: None),
     ]
@@ -262,8 +263,8 @@ def test_taylor_arithmetic_is_derived_once(
 def test_reason_without_a_series_is_recorded(
     comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = {"cffi_extra_compile_args": ["-O0", "-g0"], "cache_dir": tmp_path}
+    monkeypatch.setattr(code_cache, "_places", (tmp_path,))
     for _ in range(2):
         with pytest.raises(NotAnalytic, match="switch"):
-            TaylorResidual(model_of("forward", "displacement", ["contact"], comm).weak_form("forward"), options)
+            TaylorResidual(model_of("forward", "displacement", ["contact"], comm).weak_form("forward"))
         monkeypatch.setattr(taylor_residual, "_derived", None)  # the second time, nothing is derived
