@@ -47,7 +47,7 @@ def c_compiler() -> list[str]:
 
 
 def _has_avx() -> bool:
-    """Return whether the processor has AVX, with which results are the same bit by bit: it has no fused products.
+    """Return whether the processor has AVX. Results are the same bit by bit: AVX has no fused products.
 
     x86 processors have had it since 2011.
     """
@@ -60,7 +60,7 @@ _FLAGS = ["-std=c17", "-fPIC", "-shared", "-g0", *(["-mavx"] if _has_avx() else 
 
 
 def _flags_of_environment() -> tuple[list[str], list[str]]:
-    """Flags of CPPFLAGS and CFLAGS, and of LDFLAGS, which prevail over those of hpcinv."""
+    """Flags of CPPFLAGS and CFLAGS, and of LDFLAGS, which prevail over the flags of hpcinv."""
     preprocessor, compiler, linker = (
         shlex.split(os.environ.get(variable, "")) for variable in ("CPPFLAGS", "CFLAGS", "LDFLAGS")
     )
