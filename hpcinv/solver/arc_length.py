@@ -1,16 +1,16 @@
 """Arc-length continuation along the path of equilibria from the unloaded body, through limit points of the load."""
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any
 
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.bordering import BorderedTangent, Bordering, Corrected, tangent_along
-from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.equilibrium import Kept
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves
 from hpcinv.solver.limit_point_search import PathSample, locate
 from hpcinv.solver.newton import NewtonMonitor, Solve
 
@@ -18,8 +18,8 @@ type Moves = Generator[Solve, None, _Point | None]
 
 
 @dataclass(frozen=True)
-class ArcLengthSteps:
-    """Steps along the path, halved where they fail and doubled where few iterations suffice.
+class ArcLengthSteps(Policy):
+    """Steps along the path through limit points, halved where they fail and doubled where few iterations suffice.
 
     Args:
         first: first step, as a share of the load along the first tangent.
@@ -27,7 +27,6 @@ class ArcLengthSteps:
         limit_points: number of limit points to pass before a state at full load is accepted.
         path_tolerance: relative error of intermediate points; near a limit of the load it matters.
         easy: number of iterations up to which the next step is twice as long.
-        cases: number of load cases; no step crosses the end of one.
     """
 
     first: float = 1.0
@@ -36,38 +35,20 @@ class ArcLengthSteps:
     most: int = 200
     path_tolerance: float = 1e-8
     easy: int = 6
-    cases: int = 1
 
-    def end_ahead(self, load: float, direction: int, passed: int) -> float | None:
-        """Return the next load at which a step must end, ``None`` if there is none in that direction.
+    def solves(self, path: EquilibriumPath) -> Solves:
+        """Yield every solve along the path, up to one limit point more than allowed (`Outcome.LIMIT_POINT`).
 
-        Full load is not such an end until all limit points are passed.
+        There is none if the present state is the one at full load that the steps lead to, as in a checkpoint of it.
         """
-        inner = [case / self.cases for case in range(1, self.cases)]
-        ends = [*inner, 1.0] if passed == self.limit_points else inner
-        ahead = [end for end in ends if (end - load) * direction > 1e-9]
-        return min(ahead, key=lambda end: abs(end - load), default=None)
-
-
-def trace(
-    equilibrium: Equilibrium, steps: ArcLengthSteps, tolerance: float, *, load: float = 0.0, passed: int = 0
-) -> Iterator[Solve]:
-    """Yield every solve along the path from ``load``; the present state is in equilibrium with it.
-
-    The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
-    outcome is the reason why the full load was not reached: `Outcome.LIMIT_POINT` at one limit point more than allowed.
-    There is no solve if the present state is the one at full load that the steps lead to, as in a checkpoint of it.
-
-    Args:
-        passed: number of limit points between the unloaded body and the present state.
-    """
-    if load == 1.0 and passed >= steps.limit_points:
-        return
-    path = _Path(equilibrium, steps, tolerance, passed)
-    try:
-        yield from path.solves(load)
-    finally:
-        path.bordering.destroy()
+        path.begin()
+        if path.load == 1.0 and path.passed >= self.limit_points:
+            return
+        tracing = _Tracing(path, self)
+        try:
+            yield from tracing.solves()
+        finally:
+            tracing.bordering.destroy()
 
 
 @dataclass(frozen=True)
@@ -76,7 +57,7 @@ class _Point:
     load: float
     tangent: BorderedTangent
     sign: int  # of the determinant of K, 0 if not known
-    numbers: Any  # unknown numbers there, without the load factor
+    place: Kept
 
     def ahead(self, s: float) -> PETSc.Vec:
         """Return the predicted state at a distance along the tangent."""
@@ -85,30 +66,40 @@ class _Point:
         return x
 
 
-class _Path:
-    def __init__(self, equilibrium: Equilibrium, steps: ArcLengthSteps, tolerance: float, passed: int) -> None:
-        self.equilibrium, self.steps, self.tolerance, self.passed = equilibrium, steps, tolerance, passed
-        self.bordering = Bordering(equilibrium, steps.cases)
+class _Tracing:
+    def __init__(self, path: EquilibriumPath, steps: ArcLengthSteps) -> None:
+        self.path, self.steps, self.equilibrium = path, steps, path.equilibrium
+        self.bordering = Bordering(self.equilibrium, path.cases)
         self.last_point: _Point | None = None  # the last point but one since the last limit point
-        self.spent = 0  # factorizations that are not yet part of a report
         self.ended, self.easy = False, False
 
     @property
     def direction(self) -> int:
         """1 where the load grows along the path, -1 where it falls."""
-        return -1 if self.passed % 2 else 1
+        return -1 if self.path.passed % 2 else 1
 
-    def solves(self, load: float) -> Iterator[Solve]:
-        point = self._start(load)
+    def end_ahead(self) -> float | None:
+        """Return the next load at which a step must end, ``None`` if there is none in the present direction.
+
+        Full load is not such an end until all limit points are passed.
+        """
+        load, cases = self.path.load, self.path.cases
+        inner = [case / cases for case in range(1, cases)]
+        ends = [*inner, 1.0] if self.path.passed == self.steps.limit_points else inner
+        ahead = [end for end in ends if (end - load) * self.direction > 1e-9]
+        return min(ahead, key=lambda end: abs(end - load), default=None)
+
+    def solves(self) -> Solves:
+        point = self._start(self.path.load)
         if point is None:
-            yield self._end(load, self.equilibrium.linear.failure)
+            yield self._end(self.path.load, self.equilibrium.linear.failure)
             return
         whole = 1 / abs(point.tangent.slope)
-        step = self.steps.first / self.steps.cases * whole
+        step = self.steps.first / self.path.cases * whole
         for _ in range(self.steps.most):
             if step < self.steps.smallest * min(whole, norm(point.x) or whole):
                 return
-            end = self.steps.end_ahead(point.load, self.direction, self.passed)
+            end = self.end_ahead()
             slope = point.tangent.slope
             end_distance = (end - point.load) / slope if end is not None and slope * self.direction > 0 else math.inf
             if end is not None and end_distance <= step * (1 + 1e-9):
@@ -128,18 +119,12 @@ class _Path:
         """Return the present state as a point of the path, with the load in its present direction."""
         x = self.equilibrium.system.position()
         tangent = self.bordering.tangent(x, load, None, self.direction)
-        self.spent += 1
+        self.path.spent += 1
         if tangent is None:
             return None
         self.last_point = None
         sign = self.equilibrium.linear.sign_of_determinant()
-        return _Point(x, load, tangent, sign, self.equilibrium.numbers.kept_numbers())
-
-    def _return_to(self, point: _Point) -> None:
-        """Return to a point after a solve that failed, or whose state is not taken."""
-        self.equilibrium.system.set_state(point.x)
-        self.equilibrium.numbers.restore(point.numbers)
-        self.equilibrium.depart(point.load)
+        return _Point(x, load, tangent, sign, self.path.place())
 
     def _land(self, point: _Point, end: float, predicted: PETSc.Vec, step: float) -> Moves:
         """Solve at a fixed load from a predicted state; a distant solution may belong to another path."""
@@ -147,7 +132,7 @@ class _Path:
         equilibrium.system.set_state(predicted)
         if equilibrium.system.fault() is not None:
             equilibrium.system.set_state(point.x)
-        solve = equilibrium.solve(end, self.tolerance if end == 1.0 else self.steps.path_tolerance)
+        solve = self.path.solve(end, self.steps.path_tolerance)
         if solve.outcome.accepted:
             predicted.axpy(-1.0, equilibrium.system.position())
             crossed = bool(solve.signs and point.sign and solve.signs[-1] != point.sign)
@@ -155,8 +140,8 @@ class _Path:
             if crossed or (distance > step and not equilibrium.floor().exceeds(distance, NewtonMonitor.round_off)):
                 solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if not solve.outcome.accepted:
-            self._return_to(point)
-        yield self._charged(solve)
+            self.path.return_to(point.place)
+        yield self._report(solve)
         self.ended = solve.outcome.is_final or (solve.outcome.accepted and end == 1.0)
         self.easy = False
         return self._start(end) if solve.outcome.accepted and not self.ended else None
@@ -170,8 +155,8 @@ class _Path:
         if solve.outcome.accepted and norm(predicted) > step:
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
         if corrected.g is None or not solve.outcome.accepted:
-            self._return_to(point)
-            yield self._charged(solve)
+            self.path.return_to(point.place)
+            yield self._report(solve)
             self.ended = solve.outcome.is_final
             return None
         if (solve.load - point.load) * self.direction < 0:
@@ -179,7 +164,7 @@ class _Path:
             if falling_tangent is not None or t.slope * self.direction < 0:
                 return (yield from self._pass_limit_point(point, corrected, falling_tangent))
         if end is not None and (solve.load - end) * self.direction > 0:
-            self.spent += solve.factorizations
+            self.path.spent += solve.factorizations
             share = (end - point.load) / (solve.load - point.load)
             crossing = point.x.copy()
             crossing.axpby(share, 1 - share, corrected.x)
@@ -189,11 +174,9 @@ class _Path:
         self.easy = len(solve.iterations) <= self.steps.easy
         self.last_point = point
         sign = solve.signs[-1] if solve.signs else point.sign
-        numbers = self.equilibrium.numbers.kept_numbers()
-        next_point = _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign, numbers)
         self._move_to(corrected.x, solve.load)
-        yield self._charged(solve)
-        return next_point
+        yield self._report(solve)
+        return _Point(corrected.x, solve.load, tangent_along(corrected.g, chord), sign, self.path.place())
 
     def _move_to(self, x: PETSc.Vec, load: float) -> None:
         self.equilibrium.numbers.put(load)
@@ -213,15 +196,15 @@ class _Path:
 
         A load that approaches a limit asymptotically may seem to fall, by the error of the points.
         """
-        self.spent += 1
+        self.path.spent += 1
         tangent = self.bordering.tangent(corrected.x, corrected.solve.load, point.tangent.direction)
         return tangent if tangent is not None and tangent.slope * self.direction < 0 else None
 
     def _pass_limit_point(self, point: _Point, corrected: Corrected, falling_tangent: BorderedTangent | None) -> Moves:
         """Find the limit point before a point, and continue from there if more limit points may be passed."""
-        self._return_to(point)
+        self.path.return_to(point.place)
         fresh = self.bordering.tangent(point.x, point.load, point.tangent.direction)
-        self.spent += 1 + corrected.solve.factorizations
+        self.path.spent += 1 + corrected.solve.factorizations
         self.easy = False
         if fresh is None:
             return None
@@ -242,32 +225,30 @@ class _Path:
             return None
         extremum, tangent, spent = locate(self.bordering, t, low, high, direction=self.direction)
         solve = extremum.solve
-        self.spent += spent - solve.factorizations
+        self.path.spent += spent - solve.factorizations
         if extremum.g is None:
-            self._return_to(point)
-            yield self._charged(solve)
+            self.path.return_to(point.place)
+            yield self._report(solve)
             self.ended = solve.outcome.is_final
             return None
         self._move_to(extremum.x, solve.load)
-        yield replace(self._charged(solve), limit_point=True)
-        if self.passed == self.steps.limit_points:
+        yield self._report(replace(solve, limit_point=True))
+        if self.path.passed > self.steps.limit_points:
             yield self._end(solve.load, Outcome.LIMIT_POINT)
             self.ended = True
             return None
-        self.passed += 1
         self.last_point = None
         tangent = tangent or tangent_along(extremum.g, t)
         onward = BorderedTangent(tangent.direction, self.direction * abs(tangent.slope))
-        numbers = self.equilibrium.numbers.kept_numbers()
-        return _Point(extremum.x, solve.load, onward, -sign, numbers)  # one eigenvalue of K has changed its sign
+        return _Point(
+            extremum.x, solve.load, onward, -sign, self.path.place()
+        )  # one eigenvalue of K has changed its sign
 
     def _end(self, load: float, outcome: Outcome) -> Solve:
-        return self._charged(Solve(load, outcome, (), 0))
+        return self._report(Solve(load, outcome, (), 0))
 
-    def _charged(self, solve: Solve) -> Solve:
-        """Return the solve with its strategy, and with the factorizations since the last report added."""
-        spent, self.spent = self.spent, 0
-        return replace(solve, strategy="arc-length", factorizations=solve.factorizations + spent)
+    def _report(self, solve: Solve) -> Solve:
+        return self.path.report(solve, "arc-length")
 
 
 def _path_sample(t: PETSc.Vec, origin: _Point, x: PETSc.Vec, load: float, slope: float) -> PathSample:

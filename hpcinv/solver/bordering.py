@@ -14,12 +14,13 @@ Crisfield, Comput. Struct. 13, 55–62, 1981, doi:10.1016/0045-7949(81)90108-5.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.petsc_vectors import dot, norm
+from hpcinv.model.outcome import Outcome
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
@@ -109,6 +110,8 @@ class Bordering:
         # The step can be shortened instead, and an iteration whose corrections grow may end on another path.
         solve = equilibrium.solve(load, tolerance, numbers=self._numbers, growths_allowed=0)
         g = self._path() if solve.outcome.accepted else None
+        if g is None and solve.outcome.accepted:
+            solve = replace(solve, outcome=Outcome.LINEAR_SOLVER)
         return Corrected(solve, equilibrium.system.position(), g)
 
     def _path(self) -> PETSc.Vec | None:

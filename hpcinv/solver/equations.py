@@ -17,10 +17,11 @@ from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.equilibrium_path import Policy
 from hpcinv.solver.hinge_checks import check_hinges
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.linear_solver import LinearSolver
-from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, Steps
+from hpcinv.solver.load_stepping import AdaptiveSteps, equal_steps
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
@@ -155,12 +156,12 @@ class Equations(DiscreteModel):
         self._idle.clear()
 
     @property
-    def steps(self) -> Steps:
+    def steps(self) -> Policy:
         """The steps of the job's strategy."""
-        solver, cases = self.job.solver, self.job.case_count
+        solver = self.job.solver
         if solver.strategy == "fixed":
-            return FixedSteps(solver.steps, solver.tolerance, cases=cases)
+            return equal_steps(solver.steps, solver.tolerance)
         first, least = solver.initial_step, solver.minimum_step
         if solver.strategy == "arc-length":
-            return ArcLengthSteps(first, least, solver.limit_points, solver.maximum_steps, cases=cases)
-        return AdaptiveSteps(first, least, cases=cases)
+            return ArcLengthSteps(first, least, solver.limit_points, solver.maximum_steps)
+        return AdaptiveSteps(first, least)

@@ -9,7 +9,7 @@ path ends where it fails.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from dolfinx.fem import Function
@@ -23,7 +23,7 @@ from hpcinv.physics.points.scalar_graph import NotAnalytic
 from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.load_stepping import AdaptiveSteps, target_of
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.power_series import Coefficients, PowerSeries
 from hpcinv.solver.predictor import Increment, Prediction
@@ -68,6 +68,38 @@ _SHORTER = 0.6  # ratio of their parameters
 _CHECKS = 8  # states along a range that are checked for inverted elements
 
 
+@dataclass(frozen=True)
+class SeriesSteps(Policy):
+    """Ranges of power series; what they do not reach is left to others, with a line of the log.
+
+    Attributes:
+        smallest: smallest load step, as a share of a load case; path_tolerance: of the states on the way.
+        side: as of `SeriesContinuation`.
+        is_chosen: whether the job asks for the series; else it is silent where there is none.
+    """
+
+    smallest: float
+    path_tolerance: float
+    side: int = 0
+    is_chosen: bool = False
+
+    def solves(self, path: EquilibriumPath) -> Solves:
+        observer, last = path.equilibrium.observer, None
+        try:
+            series = SeriesContinuation(path.equilibrium, self.side)
+        except NotAnalytic as reason:
+            if self.is_chosen:
+                observer.failing([f"load steps instead of a power series: {reason}"])
+            return
+        path.begin()
+        for last in series.follow(path, self):
+            yield last
+        if last is not None and not (
+            last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)
+        ):
+            observer.failing([f"load steps instead of a power series: {last.outcome.text}"])
+
+
 class SeriesContinuation:
     """The equilibrium path by power series; methods are collective.
 
@@ -92,68 +124,55 @@ class SeriesContinuation:
         self._scale, self._contraction, self._refinements, self._side = np.inf, 1.0, 0, side
         self._are_near = self._is_refined = False  # whether factors are of a tangent near, and correct iteratively
 
-    def follow(
-        self, steps: AdaptiveSteps, tolerance: float, load: float, *, spent: int = 0, are_near: bool = False
-    ) -> Iterator[Solve]:
-        """Yield a solve for each range on the way from ``load``, where the state is in equilibrium, to the full load.
-
-        The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or has
-        failed.
-
-        Args:
-            spent: factorizations that are not part of a report yet.
-            are_near: whether the present factors belong to a tangent near the one at the present state.
-        """
-        equilibrium, system = self._equilibrium, self._system
-        equilibrium.depart(load)
-        is_exact, short = load == 0.0, 0
-        while load < 1.0:
-            goal, before = target_of(load, 1.0, steps.cases), self._linear.factorizations - spent
+    def follow(self, path: EquilibriumPath, steps: SeriesSteps) -> Solves:
+        """Yield a solve for each range on the way to the full load, as a `Policy` does."""
+        system = self._system
+        is_exact, are_near, short = path.load == 0.0, path.has_near_factors, 0
+        while path.load < 1.0:
+            load, goal, before = path.load, path.target(1.0), self._linear.factorizations
             system.linearise(load)
             origin = system.position()
             # Later expansions begin at states that are not exact.
-            kept = _POLISHED * tolerance if is_exact else 0.0
+            kept = _POLISHED * path.tolerance if is_exact else 0.0
             series = self._expand(load, goal, _ENOUGH, are_near=are_near)
-            spent = self._linear.factorizations - before
+            path.spent += self._linear.factorizations - before
             if isinstance(series, Outcome):  # after a solve that failed there may be no factors
-                yield Solve(load, series, (), spent, strategy=STRATEGY)
+                yield path.report(Solve(load, series, (), 0), STRATEGY)
                 return
             mark = self._linear.inertia_mark()
-            for solve in self._corrected(series, origin, goal, kept, tolerance, steps):
+            for solve in self._corrected(series, origin, goal, kept, path, steps):
                 are_near = solve.factorizations > 0
-                solve = self._branched(solve, series, origin, mark, steps.cases)
-                strategy = SWITCHED if solve.strategy == SWITCHED else STRATEGY
-                yield replace(solve, factorizations=solve.factorizations + spent, strategy=strategy)
-                spent = 0
+                solve = self._branched(solve, series, origin, mark, path.cases)
+                yield path.report(solve, SWITCHED if solve.strategy == SWITCHED else STRATEGY)
             origin.destroy()
-            is_short = solve.load < goal and solve.load - load < steps.least * solve.load
-            is_accepted = solve.outcome.accepted
+            least = steps.smallest / path.cases
+            is_short = solve.load < goal and solve.load - load < least * solve.load
+            is_accepted, is_exact = solve.outcome.accepted, False
             if not (is_accepted or (is_short and solve.outcome is Outcome.DIVERGED)):
                 return
-            load, is_exact = solve.load if is_accepted else load, False
-            short = short + 1 if is_short and strategy == STRATEGY and self._limit(series) is None else 0
+            short = short + 1 if is_short and solve.strategy != SWITCHED and self._limit(series) is None else 0
             if short == _SHORT_RANGES or not is_accepted:
-                solve = self._small_step(series, load, steps, tolerance)
-                yield solve
+                solve = self._small_step(series, path, steps)
+                yield path.report(solve, STRATEGY)
                 if not solve.outcome.accepted:
                     return
-                load, short, are_near = solve.load, 0, solve.factorizations > 0
+                short, are_near = 0, solve.factorizations > 0
         if self._side:
-            equilibrium.observer.failing(["no other path branches off before the full load"])
+            self._equilibrium.observer.failing(["no other path branches off before the full load"])
 
-    def _small_step(self, series: PowerSeries, load: float, steps: AdaptiveSteps, tolerance: float) -> Solve:
+    def _small_step(self, series: PowerSeries, path: EquilibriumPath, steps: SeriesSteps) -> Solve:
         """Return the smallest load step from the present state, which shows whether and why the path ends there."""
-        target, origin = target_of(load, steps.least, steps.cases), self._system.position()
-        solve = self._equilibrium.solve(target, tolerance if target == 1.0 else steps.path_tolerance)
+        load, origin = path.load, self._system.position()
+        solve = path.solve(path.target(steps.smallest / path.cases), steps.path_tolerance)
         moved = self._system.position()
         moved.axpy(-1.0, origin)
         slope = np.sqrt(self._system.comm.allreduce(series.states[0] @ series.states[0])) / series.loads[0]
-        if norm(moved) > _NEAR * slope * (target - load):
+        if norm(moved) > _NEAR * slope * (solve.load - load):
             solve = replace(solve, outcome=Outcome.ANOTHER_PATH)
             self._system.set_state(origin)
         origin.destroy()
         moved.destroy()
-        return replace(solve, strategy=STRATEGY)
+        return solve
 
     def expand(self, goal: float, wanted: float, *, are_near: bool) -> PowerSeries | Outcome:
         """Return the series at the present state, an equilibrium at load factor 0, or the reason why there is none.
@@ -164,14 +183,21 @@ class SeriesContinuation:
         return self._expand(0.0, goal, wanted, are_near=are_near)
 
     def _corrected(
-        self, series: PowerSeries, origin: PETSc.Vec, goal: float, kept: float, tolerance: float, steps: AdaptiveSteps
+        self,
+        series: PowerSeries,
+        origin: PETSc.Vec,
+        goal: float,
+        kept: float,
+        path: EquilibriumPath,
+        steps: SeriesSteps,
     ) -> Iterator[Solve]:
         """Yield the solves at the end of the range of a series, until one is accepted or all trials have failed.
 
         Args:
             kept: error of the series that the present factors may correct.
         """
-        equilibrium, system, path_tolerance = self._equilibrium, self._system, steps.path_tolerance
+        system, path_tolerance = self._system, min(steps.path_tolerance, _PATH_TOLERANCE)
+        least = steps.smallest / path.cases
         a, is_pade = series.range(_ACCURACY)
         limit = self._limit(series)
         if limit is not None and series.load_at(series.weights(limit, pade=is_pade)) < goal:
@@ -186,9 +212,8 @@ class SeriesContinuation:
             load = series.load_at(weights)
             load = goal if abs(load - goal) < 1e-9 else load
             self._move(series, origin, weights)
-            wanted = tolerance if load == 1.0 else min(path_tolerance, _PATH_TOLERANCE)
             predicted = self._prediction(origin) if series.error(a, pade=is_pade) <= kept else None
-            solve = equilibrium.solve(load, wanted, predicted=predicted, begins_near=True)
+            solve = path.solve(load, path_tolerance, predicted=predicted, begins_near=True)
             if predicted is not None:
                 predicted.origin.destroy()
             if not solve.outcome.accepted:
@@ -199,9 +224,9 @@ class SeriesContinuation:
             if solve.outcome is not Outcome.VOLUME_CHANGED:
                 a *= _SHORTER
                 continue
-            a = self._physical(series, origin, a, steps.least / 4, is_pade=is_pade)
+            a = self._physical(series, origin, a, least / 4, is_pade=is_pade)
             load = series.load_at(series.weights(a, pade=is_pade))
-            if load - series.load < steps.least:
+            if load - series.load < least:
                 yield Solve(load, solve.outcome, (), 0)
                 return
 
@@ -250,13 +275,13 @@ class SeriesContinuation:
         Args:
             end: end of the range of the series.
         """
-        spent, tolerance = self._linear.factorizations, min(path_tolerance, _PATH_TOLERANCE)
+        spent = self._linear.factorizations
         beyond = min((1 + _BEYOND_LIMIT) * a, end)
         weights = series.weights(beyond, pade=is_pade)
         self._move(series, origin, weights)
         fault = self._system.fault()
         if fault is None:
-            solve = self._equilibrium.solve(series.load_at(weights), tolerance, begins_near=True)
+            solve = self._equilibrium.solve(series.load_at(weights), path_tolerance, begins_near=True)
             fault = None if solve.outcome.accepted else solve.outcome
             if fault is None and 2 * self._parameter(series, origin, solve.load) < a + beyond:
                 fault = Outcome.DIVERGED  # to another equilibrium, before the point

@@ -62,6 +62,9 @@ class SmallSystem:
     def set_load(self, load: float) -> None:
         self.load = load
 
+    def begin_unloaded(self) -> None:
+        """Nothing presses on the unloaded system."""
+
     def residual(self, b: PETSc.Vec) -> None:
         b.array[:] = self._residual(self.x.array, self.load)
 

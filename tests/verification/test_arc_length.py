@@ -18,8 +18,9 @@ from hpcinv.errors import Interrupted, JobError, SolveError
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.progress import Progress
 from hpcinv.output.result import Result
-from hpcinv.solver.arc_length import ArcLengthSteps, trace
+from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.bordering import Bordering
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
 from hpcinv.trust.certificate.check import Verdict
@@ -55,7 +56,7 @@ def truss_and_spring(full: float, k: float) -> SmallSystem:
 
 def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_before() -> None:
     system = truss(0.9 * TOP)
-    *_, last = trace(system.equilibrium(), ArcLengthSteps(), 1e-12)
+    *_, last = EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps())
     assert (last.outcome, last.load, last.strategy) == (Outcome.CONVERGED, 1.0, "arc-length")
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - 0.9 * TOP, 0.0, TURNS[0]), rel=1e-10)
 
@@ -63,7 +64,7 @@ def test_the_first_state_at_full_load_is_the_answer_if_the_load_does_not_turn_be
 @pytest.mark.parametrize("first", [1.0, 0.3, 0.05])
 def test_the_limit_point_is_found_and_ends_the_path(first: float) -> None:
     system = truss(1.5 * TOP)
-    solves = list(trace(system.equilibrium(), ArcLengthSteps(first), 1e-12))
+    solves = list(EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps(first)))
     assert [s.limit_point for s in solves[-2:]] == [True, False]
     assert solves[-1].outcome is Outcome.LIMIT_POINT
     assert solves[-1].load * 1.5 == pytest.approx(1.0, abs=1e-8)
@@ -77,7 +78,7 @@ def test_states_beyond_limit_points_are_found_in_order(
     share: float, limit_points: int, low: float, high: float
 ) -> None:
     system = truss(share * TOP)
-    solves = list(trace(system.equilibrium(), ArcLengthSteps(limit_points=limit_points), 1e-12))
+    solves = list(EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps(limit_points=limit_points)))
     assert sum(s.limit_point for s in solves) == limit_points
     assert (solves[-1].outcome, solves[-1].load) == (Outcome.CONVERGED, 1.0)
     assert system.x.array[0] == pytest.approx(root(lambda w: force(w) - share * TOP, low, high), rel=1e-10)
@@ -86,7 +87,7 @@ def test_states_beyond_limit_points_are_found_in_order(
 def test_a_branch_that_ends_in_one_more_limit_point_than_allowed_says_so() -> None:
     """Beyond the maximum the load falls to its minimum at -TOP, and never meets the full load on the way."""
     system = truss(1.5 * TOP)
-    solves = list(trace(system.equilibrium(), ArcLengthSteps(limit_points=1), 1e-12))
+    solves = list(EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps(limit_points=1)))
     assert [s.load * 1.5 for s in solves if s.limit_point] == pytest.approx([1.0, -1.0], abs=1e-7)
     assert solves[-1].outcome is Outcome.LIMIT_POINT
 
@@ -96,7 +97,7 @@ def test_snap_back_is_followed() -> None:
     system = truss_and_spring(1.5 * TOP, k)
     ends = []
     solves = []
-    for solve in trace(system.equilibrium(), ArcLengthSteps(limit_points=2), 1e-12):
+    for solve in EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps(limit_points=2)):
         solves.append(solve)
         ends.append(system.x.array[1])
     w = root(lambda w: force(w) - 1.5 * TOP, 2.0, 3.0)
@@ -110,7 +111,7 @@ def test_the_search_is_bounded() -> None:
     system = SmallSystem(
         1, lambda x, load: np.array([1 - np.exp(-x[0]) - 2 * load]), lambda x: np.array([[np.exp(-x[0])]])
     )
-    solves = list(trace(system.equilibrium(), ArcLengthSteps(most=12, easy=0, first=0.2), 1e-12))
+    solves = list(EquilibriumPath(system.equilibrium(), 1e-12).follow(ArcLengthSteps(most=12, easy=0, first=0.2)))
     assert solves[-1].outcome is Outcome.STEP_LIMIT
     assert len(solves) <= 13
 

@@ -103,13 +103,13 @@ def test_a_bulk_modulus_that_grows_reaches_a_load_that_steps_do_not(comm: MPI.In
     assert np.abs(stiff.solutions[0].J.x.array - 1).max() < 1e-3  # the material is as stiff as it was given
 
 
-def failing(*_: Any, **__: Any) -> Iterator[Solve]:
-    yield Solve(1.0, Outcome.DIVERGED, (NewtonIteration(1.0, 1.0, 1.0, True),), 1)
+def failing(problem: fallbacks.Problem) -> Iterator[Solve]:
+    yield problem.path.report(Solve(1.0, Outcome.DIVERGED, (NewtonIteration(1.0, 1.0, 1.0, True),), 1))
 
 
 def test_a_fixed_point_leads_to_the_direct_solution(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     direct = hpcinv.run(sphere(0.2, "inverse"), comm)
-    monkeypatch.setattr(fallbacks, "follow", failing)
+    monkeypatch.setattr(fallbacks, "_strategy", failing)
     options = {"snes_linesearch_maxstep": 1e3, "snes_linesearch_maxstp": 1e3}
     result = hpcinv.run(sphere(0.2, "inverse", rescue=["anderson"], petsc=options), comm)
     assert winners(result) == ["load steps", "anderson"]

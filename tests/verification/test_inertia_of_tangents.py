@@ -17,7 +17,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.trust.certificate import inertia
 from hpcinv.trust.certificate.inertia import factorize_symmetric
 
@@ -76,7 +76,7 @@ def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> Non
         column_job, build_body(column_job.mesh, column_job.regions, comm, resolve=column_job.resolve), Timings()
     )
     equilibrium = model.equilibrium(model.weak_form("forward"))
-    assert list(follow(equilibrium, model.steps, 1e-8))[-1].outcome.accepted
+    assert list(EquilibriumPath(equilibrium, 1e-8).follow(model.steps))[-1].outcome.accepted
     equilibrium.system.linearise(1.0)
     equilibrium.linear.factorize()
     kept = equilibrium.linear.symmetric_factors

@@ -23,7 +23,7 @@ from hpcinv.errors import CheckpointError, Interrupted, JobError
 from hpcinv.mesh import build_body, read_source
 from hpcinv.output.progress import Progress
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SolveEvent
 
@@ -53,7 +53,7 @@ class LoadPath:
         model = Equations(given, body, Timings())
         equilibrium = model.equilibrium(model.weak_form(given.directions[0]))
         path = cls({}, [])
-        for solve in follow(equilibrium, model.steps, given.solver.tolerance):
+        for solve in EquilibriumPath(equilibrium, given.solver.tolerance, given.case_count).follow(model.steps):
             path.solves.append(solve)
             if solve.outcome.accepted:
                 path.states[solve.load] = model.unknowns.displacement().x.array * body.length_scale

@@ -21,13 +21,13 @@ from hpcinv.mesh import build_body
 from hpcinv.model.assembly import taylor_residual
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.solver.linear import selection
 from hpcinv.solver.linear.cost_model import Forecast
-from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.methods import fallbacks
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
-from hpcinv.solver.series_continuation import SeriesContinuation
+from hpcinv.solver.series_continuation import SeriesSteps
 from hpcinv.trust.certificate import Verdict
 from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS
 
@@ -333,7 +333,7 @@ def test_a_series_without_factors_is_one_failed_solve(comm: MPI.Intracomm, monke
 
     for name in ("solve", "back_substitute"):
         monkeypatch.setattr(linear, name, fails)
-    (solve,) = SeriesContinuation(equilibrium).follow(AdaptiveSteps(1.0, 1e-3), 1e-10, 0.0)
+    (solve,) = EquilibriumPath(equilibrium, 1e-10).follow(SeriesSteps(1e-3, 1e-6))
     assert not solve.outcome.accepted
     equilibrium.destroy()
 

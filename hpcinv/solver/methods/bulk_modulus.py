@@ -1,7 +1,7 @@
 """Continuation in the bulk modulus: the full load on a softer material, whose bulk modulus is then raised."""
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 
 from hpcinv.base.quantity.quantity import quantity_of
 from hpcinv.base.quantity.spatial_fields import is_uniform
@@ -9,8 +9,8 @@ from hpcinv.job.rules import NEARLY_INCOMPRESSIBLE
 from hpcinv.physics.materials import MaterialLaw
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.load_stepping import AdaptiveSteps, follow
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
+from hpcinv.solver.load_stepping import AdaptiveSteps
 
 
 class BulkModulus:
@@ -36,13 +36,13 @@ class BulkModulus:
         """True in the displacement form if a law has a large bulk modulus that can be lowered."""
         return self.equations.unknowns.p is None and bool(self._laws)
 
-    def solves(self) -> Generator[Solve, None, None]:
+    def solves(self) -> Solves:
         """Yield every solve; the last one is accepted at the bulk moduli of the job, or has the reason for the end."""
         try:
             self._soften(0.0)
             self.equations.unload()
-            steps = AdaptiveSteps(cases=self.equations.job.case_count)
-            for solve in follow(self.equilibrium, steps, self.path_tolerance):
+            path = EquilibriumPath(self.equilibrium, self.path_tolerance, self.equations.job.case_count)
+            for solve in path.follow(AdaptiveSteps()):
                 last = solve
                 yield solve
             share, step = 0.0, math.log(self._first) / math.log(self._ratio)

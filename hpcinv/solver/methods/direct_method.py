@@ -7,8 +7,9 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.methods.fallbacks import Problem, reach
+from hpcinv.solver.methods.fallbacks import reach
 from hpcinv.solver.methods.method import UNLOADED, Guess, Method, Start
 from hpcinv.solver.methods.unknown_loads import UnknownLoads
 from hpcinv.solver.newton import Solve
@@ -26,15 +27,16 @@ class DirectMethod(Method):
 
     def __init__(self, equations: Equations, direction: Direction, observer: Observer = SILENT) -> None:
         self.equilibrium = equations.equilibrium(equations.weak_form(direction), observer)
-        self.problem = Problem(equations, direction, self.equilibrium, observer)
+        self.equations, self.direction = equations, direction
         self.unknown_loads = UnknownLoads(equations, self.equilibrium)
         self.steps = equations.steps
         if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
             self.steps = replace(self.steps, limit_points=0)  # the second direction has none
 
-    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+    def solves(self, start: Start = UNLOADED) -> Solves:
         self.reached_load = start.load
-        contacts, tolerance = self.equilibrium.system.weak_form.contacts, self.problem.equations.job.solver.tolerance
+        equations, contacts = self.equations, self.equilibrium.system.weak_form.contacts
+        tolerance, cases = equations.job.solver.tolerance, equations.job.case_count
         self.check_start(start)
         if contacts.is_iterated:
             contacts.reset()
@@ -46,12 +48,11 @@ class DirectMethod(Method):
                     yield from self._augment(tolerance)
                 return
         if start.origin is not None:
-            equations = self.problem.equations
             equations.put_fields(start.origin)
             self.equilibrium.begin_path()
             if start.solution is not None:
                 equations.put_fields(start.solution)
-            self.steps = replace(self.steps, cases=1)
+            cases = 1
         if start.load > 0.0:
             self.equilibrium.numbers.recover(start.load)
         # The other strategies are chosen for the path that they take, which a guess would skip.
@@ -61,7 +62,8 @@ class DirectMethod(Method):
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
         passed = sum(solve.limit_point for solve in start.solves)
-        for solve in reach(self.problem, self.steps, load=start.load, passed=passed):
+        path = EquilibriumPath(self.equilibrium, tolerance, cases, start.load, passed)
+        for solve in reach(path, equations, self.direction, self.steps):
             is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
             if solve.outcome.accepted and not is_last:
                 self.reached_load = solve.load
@@ -72,11 +74,11 @@ class DirectMethod(Method):
     def _solve_from(self, guess: Guess) -> Solve:
         """Solve at the full load from a guess; the body is unloaded again if that fails."""
         self.equilibrium.depart(0.0)
-        solve = guess.solve(self.problem.equations, self.equilibrium)
+        solve = guess.solve(self.equations, self.equilibrium)
         if solve.outcome.accepted:
             self.reached_load = 1.0
         else:
-            self.problem.equations.unload()
+            self.equations.unload()
         return solve
 
     def _augment(self, tolerance: float) -> Iterator[Solve]:

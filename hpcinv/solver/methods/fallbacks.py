@@ -14,25 +14,21 @@ steps. No fallback is tried where none can help: at a limit point of the load, w
 where the discrete equations have a solution that no body can have.
 """
 
-import math
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
-from hpcinv.physics.points.scalar_graph import NotAnalytic
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.solver.load_stepping import AdaptiveSteps, FixedSteps, SeriesSolver, Steps, follow
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves, as_one_solve, limited
+from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.methods.bulk_modulus import BulkModulus
 from hpcinv.solver.methods.fixed_point import FixedPointMethod
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.observer import Observer
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
-from hpcinv.solver.series_continuation import SeriesContinuation
+from hpcinv.solver.series_continuation import SeriesSteps
 
 EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
@@ -49,137 +45,82 @@ _WITH_NUMBERS = ("arc-length", "line-search")
 
 _SIDES = {"first": 0, "positive": 1, "negative": -1}
 
-type Solves = Generator[Solve, None, None]
-
 
 @dataclass(frozen=True)
 class Problem:
-    """A direction to solve, and its equations, whose state is a solution at the load reached so far."""
+    """A path to follow: with its equations, its direction, and the steps of the job."""
 
+    path: EquilibriumPath
     equations: Equations
     direction: Direction
-    equilibrium: Equilibrium
-    observer: Observer
+    steps: Policy
+
+    @property
+    def smallest(self) -> float:
+        """Smallest step, as a share of the whole load."""
+        return self.equations.job.solver.minimum_step / self.path.cases
 
 
-@dataclass
-class _Reached:
-    """Load and number of limit points that solves have reached, and the last of them."""
-
-    load: float
-    passed: int
-    last: Solve | None = None
-
-    def noting(self, solves: Iterable[Solve]) -> Iterator[Solve]:
-        """Yield solves, and note what they reach."""
-        for solve in solves:
-            self.load = solve.load if solve.outcome.accepted else self.load
-            self.passed += solve.limit_point
-            self.last = solve
-            yield solve
-
-
-def reach(problem: Problem, steps: Steps, *, load: float = 0.0, passed: int = 0) -> Iterator[Solve]:
-    """Yield every solve of the job's strategy and of the fallbacks, as `follow` does.
-
-    Args:
-        load: load factor at which the present state is a solution.
-        passed: number of limit points between the unloaded body and the present state.
-    """
-    reached = _Reached(load, passed)
-    yield from _strategy(problem, steps, reached)
-    if isinstance(steps, FixedSteps) or reached.last is None:
+def reach(path: EquilibriumPath, equations: Equations, direction: Direction, steps: Policy) -> Iterator[Solve]:
+    """Yield every solve of the job's strategy and of the fallbacks, as a `Policy` does."""
+    problem = Problem(path, equations, direction, steps)
+    yield from _strategy(problem)
+    if equations.job.solver.strategy == "fixed" or path.last is None:
         return
-    for name in _rescues(problem, steps, reached.last, reached.load):
-        if reached.last.outcome.accepted or reached.passed or _is_final(reached.last, reached.load):
+    for name in _rescues(problem, path.last):
+        if path.last.outcome.accepted or path.passed or _is_final(path.last, path.load):
             return
-        for solve in reached.noting(_limited(RESCUES[name](problem, steps, reached.load), EFFORT[name])):
+        for solve in RESCUES[name](problem, EFFORT[name]):
             yield replace(solve, strategy=name)
 
 
-def _strategy(problem: Problem, steps: Steps, reached: _Reached) -> Iterator[Solve]:
+def _strategy(problem: Problem) -> Iterator[Solve]:
     """Yield the solves of the job's strategy."""
-    solver, series, farthest = problem.equations.job.solver, None, math.inf
-    if isinstance(steps, AdaptiveSteps) and solver.continuation == "auto":
-        series = _automatic_series(problem, steps)
-        farthest = _farthest(problem) if series is not None else math.inf
-    if isinstance(steps, AdaptiveSteps) and solver.continuation == "series":
-        yield from reached.noting(_series(problem, steps, reached.load))
-        last = reached.last
-        if last is not None and (
-            reached.load == 1.0
-            or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)
-            or last.load - reached.load < 2 * steps.least
-        ):
-            return
-    yield from reached.noting(
-        follow(
-            problem.equilibrium,
-            steps,
-            solver.tolerance,
-            load=reached.load,
-            passed=reached.passed,
-            stop_early="arc-length" in solver.rescue,
-            series=series,
-            farthest=farthest,
+    path, steps, solver = problem.path, problem.steps, problem.equations.job.solver
+    if isinstance(steps, AdaptiveSteps):
+        series = SeriesSteps(
+            steps.smallest, steps.path_tolerance, _SIDES[solver.branch], solver.continuation == "series"
         )
-    )
+        steps = replace(steps, stop_early="arc-length" in solver.rescue)
+        if solver.continuation == "series":
+            yield from path.follow(series)
+            last = path.last
+            if last is not None and (
+                path.load == 1.0
+                or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)
+                or last.load - path.load < 2 * problem.smallest
+            ):
+                return
+        elif solver.continuation == "auto" and _may_take_series(path):
+            steps = replace(steps, series=series, most_nonlinear=_most_nonlinear(problem))
+    yield from path.follow(steps)
 
 
-def _rescues(problem: Problem, steps: Steps, last: Solve, load: float) -> Sequence[str]:
-    """Return the fallbacks to try after the last solve of the job's strategy, which reached a load."""
+def _rescues(problem: Problem, last: Solve) -> Sequence[str]:
+    """Return the fallbacks to try after the last solve of the job's strategy."""
     names: Sequence[str] = problem.equations.job.solver.rescue
     stop_early = "arc-length" in names
-    if problem.equilibrium.numbers.count:
+    if problem.path.equilibrium.numbers.count:
         names = [name for name in names if name in _WITH_NUMBERS]
     others = [name for name in names if name != "arc-length"]
-    if stop_early and isinstance(steps, AdaptiveSteps) and last.load - load >= 2 * steps.least:
+    is_adaptive = isinstance(problem.steps, AdaptiveSteps)
+    if stop_early and is_adaptive and last.load - problem.path.load >= 2 * problem.smallest:
         return ["arc-length", "load steps", *others]  # at a likely limit point
     return others if last.strategy == SERIES else names  # a series has followed the path by its length, to the end
 
 
-def _farthest(problem: Problem) -> float:
+def _most_nonlinear(problem: Problem) -> float:
     """Return the ratio of the first correction to the prediction above which `auto` takes a series."""
     if problem.equations.unknowns.size < _LARGE:
         return _FARTHEST_SMALL
     if problem.equations.chooser.is_compact:
         return _FARTHEST_COMPACT
-    return _FARTHEST if problem.equilibrium.linear.choice.precision == "double" else _FARTHEST_SMALL
+    return _FARTHEST if problem.path.equilibrium.linear.choice.precision == "double" else _FARTHEST_SMALL
 
 
-def _automatic_series(problem: Problem, steps: AdaptiveSteps) -> SeriesSolver | None:
-    """Return the continuation by power series after a solve that failed, if factors solve the equations."""
-    if problem.equilibrium.linear.configuration.name != "direct":
-        return None  # each order would take a solve by multigrid to 1e-10
-    if problem.equilibrium.numbers.count:
-        return None  # a series has no orders of them
-
-    def series(load: float, failed: Solve) -> Iterator[Solve]:
-        return _series(problem, steps, load, failed)
-
-    return series
-
-
-def _series(problem: Problem, steps: AdaptiveSteps, load: float, failed: Solve | None = None) -> Solves:
-    """Solves along the path as a power series; what it does not reach is left to load steps, with a line of the log.
-
-    Args:
-        failed: solve after which `auto` takes the series; if it was not tried, its factors are used, and counted.
-    """
-    solver = problem.equations.job.solver
-    try:
-        path = SeriesContinuation(problem.equilibrium, _SIDES[solver.branch])
-    except NotAnalytic as reason:
-        if failed is None:
-            problem.observer.failing([f"load steps instead of a power series: {reason}"])
-        return
-    is_refused = failed is not None and failed.outcome is Outcome.TOO_NONLINEAR
-    spent = failed.factorizations if failed is not None and is_refused else 0
-    last = None
-    for last in path.follow(steps, solver.tolerance, load, spent=spent, are_near=is_refused):
-        yield last
-    if last is not None and not (last.outcome.accepted or last.outcome in (Outcome.LIMIT_POINT, Outcome.INTERRUPTED)):
-        problem.observer.failing([f"load steps instead of a power series: {last.outcome.text}"])
+def _may_take_series(path: EquilibriumPath) -> bool:
+    """Return whether `auto` may take a series: with multigrid, each order would take a solve to 1e-10."""
+    return path.equilibrium.linear.configuration.name == "direct" and not path.equilibrium.numbers.count
 
 
 def _is_final(solve: Solve, load: float) -> bool:
@@ -193,38 +134,37 @@ def _is_final(solve: Solve, load: float) -> bool:
     return solve.outcome.is_final or solve.outcome in (Outcome.LIMIT_POINT, Outcome.PASSED_THROUGH)
 
 
-def _arc_length(problem: Problem, steps: Steps, load: float) -> Solves:
-    if isinstance(steps, AdaptiveSteps):
-        first, least = min(4 * steps.smallest, 1.0), steps.smallest / 256
-        arcs = ArcLengthSteps(first, least, most=100, cases=steps.cases)
-        yield from follow(problem.equilibrium, arcs, problem.equations.job.solver.tolerance, load=load)
+def _arc_length(problem: Problem, effort: int) -> Solves:
+    least = problem.equations.job.solver.minimum_step
+    if isinstance(problem.steps, AdaptiveSteps):
+        arcs = ArcLengthSteps(min(4 * least, 1.0), least / 256, most=100)
+        yield from problem.path.follow(arcs, effort)
 
 
-def _load_steps(problem: Problem, steps: Steps, load: float) -> Solves:
+def _load_steps(problem: Problem, effort: int) -> Solves:
     """Load steps of the job, beginning with a small one."""
-    if isinstance(steps, AdaptiveSteps):
-        small = replace(steps, first=min(16 * steps.smallest, 1.0))
-        yield from follow(problem.equilibrium, small, problem.equations.job.solver.tolerance, load=load)
+    if isinstance(problem.steps, AdaptiveSteps):
+        small = replace(problem.steps, first=min(16 * problem.steps.smallest, 1.0))
+        yield from problem.path.follow(small, effort)
 
 
-def _line_search(problem: Problem, steps: Steps, load: float) -> Solves:
+def _line_search(problem: Problem, effort: int) -> Solves:
     solver = problem.equations.job.solver
     chosen = "basic" if solver.petsc.get("snes_linesearch_type") == "l2" else "l2"
-    first, least = min(16 * solver.minimum_step, 1.0), solver.minimum_step / 16
-    with problem.equilibrium.newton(chosen):
-        cut = AdaptiveSteps(first, least, cases=steps.cases)
-        yield from follow(problem.equilibrium, cut, solver.tolerance, load=load)
+    with problem.path.equilibrium.newton(chosen):
+        cut = AdaptiveSteps(min(16 * solver.minimum_step, 1.0), solver.minimum_step / 16)
+        yield from problem.path.follow(cut, effort)
 
 
-def _bulk_modulus(problem: Problem, steps: Steps, load: float) -> Solves:
-    rescue = BulkModulus(problem.equations, problem.equilibrium)
-    if rescue.is_applicable and not problem.equilibrium.system.is_on_path:
-        yield from _as_one_solve(problem, rescue.solves(), EFFORT["bulk-modulus"])
+def _bulk_modulus(problem: Problem, effort: int) -> Solves:
+    rescue = BulkModulus(problem.equations, problem.path.equilibrium)
+    if rescue.is_applicable and not problem.path.equilibrium.system.is_on_path:
+        yield as_one_solve(problem.path, limited(rescue.solves(), effort))
 
 
-def _anderson(problem: Problem, steps: Steps, load: float) -> Solves:
+def _anderson(problem: Problem, effort: int) -> Solves:
     if problem.direction == "inverse":
-        yield from _as_one_solve(problem, _fixed_point(problem), EFFORT["anderson"])
+        yield as_one_solve(problem.path, limited(_fixed_point(problem), effort))
 
 
 def _fixed_point(problem: Problem) -> Solves:
@@ -232,46 +172,23 @@ def _fixed_point(problem: Problem) -> Solves:
     job = problem.equations.job
     coarse_settings = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
     problem.equations.unload()
-    method = FixedPointMethod(problem.equations, problem.observer, "anderson", coarse_settings)
+    method = FixedPointMethod(problem.equations, problem.path.equilibrium.observer, "anderson", coarse_settings)
     try:
         for solve in method.solves():
             yield solve
     finally:
         method.equilibrium.destroy()
     if solve.outcome.accepted:
-        yield problem.equilibrium.solve(1.0, job.solver.tolerance)
+        yield problem.path.equilibrium.solve(1.0, job.solver.tolerance)
 
 
-RESCUES: Mapping[str, Callable[[Problem, Steps, float], Solves]] = {
+RESCUES: Mapping[str, Callable[[Problem, int], Solves]] = {
     "bulk-modulus": _bulk_modulus,
     "arc-length": _arc_length,
     "load steps": _load_steps,
     "line-search": _line_search,
     "anderson": _anderson,
 }
-
-
-def _limited(solves: Solves, effort: int) -> Solves:
-    """Yield solves until they have taken too many factorizations."""
-    spent = 0
-    with closing(solves):
-        for solve in solves:
-            yield solve
-            spent += solve.factorizations
-            if spent > effort and not (solve.outcome.accepted and solve.load == 1.0):
-                yield Solve(solve.load, Outcome.STEP_LIMIT, (), 0)
-                return
-
-
-def _as_one_solve(problem: Problem, solves: Solves, effort: int) -> Solves:
-    """Report solves as one, since no state but the last is a solution of the problem."""
-    start = problem.equilibrium.system.position()
-    taken = list(_limited(solves, effort))
-    last = taken[-1]
-    if not last.outcome.accepted:
-        problem.equilibrium.system.set_state(start)
-    iterations = tuple(i for solve in taken for i in solve.iterations)
-    yield Solve(1.0, last.outcome, iterations, sum(s.factorizations for s in taken), last.signs)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.load_stepping import follow
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
 from hpcinv.solver.methods.method import UNLOADED, Method, Start
 from hpcinv.solver.methods.updates import UPDATES
 from hpcinv.solver.newton import Solve
@@ -69,7 +69,7 @@ class FixedPointMethod(Method):
         self._update = update(self.settings.relaxation, self.settings.memory, self.mesh.inner)
         self._X = self.mesh.x
 
-    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+    def solves(self, start: Start = UNLOADED) -> Solves:
         """Yield every forward solve, the last one of each iteration with its ``position_residual``.
 
         After a solve with a position residual the state is ``u = x - X`` of the next body X. A search that is resumed
@@ -140,7 +140,7 @@ class FixedPointMethod(Method):
             if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                 return
         self.equations.unload()
-        yield from follow(equilibrium, self.equations.steps, tolerance)
+        yield from EquilibriumPath(equilibrium, tolerance, self.equations.job.case_count).follow(self.equations.steps)
 
     def _end(self, solve: Solve, residuals: list[float]) -> Outcome | None:
         """Return the outcome of the search with these position residuals, ``None`` if it continues."""

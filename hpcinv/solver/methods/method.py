@@ -1,7 +1,7 @@
 """Interface of the solution methods, and the state from which they start."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dolfinx.fem import Function
@@ -11,6 +11,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.equilibrium_path import Solves
 from hpcinv.solver.newton import Solve, Tolerance
 from hpcinv.solver.predictor import Increment, Prediction
 
@@ -116,7 +117,7 @@ class Method(ABC):
     reached_load: float = 0.0
 
     @abstractmethod
-    def solves(self, start: Start = UNLOADED) -> Iterator[Solve]:
+    def solves(self, start: Start = UNLOADED) -> Solves:
         """Yield every solve; the last one is accepted, or its outcome is the reason why the method ended.
 
         Whenever it yields, the mesh is at the coordinates of the job. The equations must be in ``start.solution``, or

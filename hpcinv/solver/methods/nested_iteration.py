@@ -25,6 +25,7 @@ from hpcinv.model.assembly.tangent import tangents_for
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium_path import limited
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
@@ -146,7 +147,9 @@ def _coarse_solution(
     except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
         return None, replace(coarse_solve, unused=error.message)
     try:
-        for solve in _limited(method.solves()):
+        for solve in limited(method.solves(), _EFFORT):
+            if solve.outcome is Outcome.STEP_LIMIT:  # the solve before it says what it tried
+                break
             coarse_solve = replace(coarse_solve, solves=(*coarse_solve.solves, solve))
             note(_line(solve))
             if _is_interrupted(coarse, observer, (solve,)):
@@ -174,16 +177,6 @@ def _coarse_job(job: Job) -> Job:
     """Return the job with a solver that ends soon: the error of coarser cells is larger than its tolerance."""
     tolerance = max(job.solver.tolerance, AdaptiveSteps.path_tolerance)
     return job.model_copy(update={"solver": job.solver.model_copy(update={"tolerance": tolerance, "rescue": ()})})
-
-
-def _limited(solves: Iterator[Solve]) -> Iterator[Solve]:
-    """Yield solves until their factorizations are more than a coarse solution is worth (`_EFFORT`)."""
-    spent = 0
-    for solve in solves:
-        yield solve
-        spent += solve.factorizations
-        if spent > _EFFORT:
-            return
 
 
 def _is_interrupted(equations: Equations, observer: Observer, solves: Sequence[Solve]) -> bool:
