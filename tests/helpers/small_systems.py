@@ -59,6 +59,9 @@ class SmallSystem:
     def set_state(self, x: PETSc.Vec) -> None:
         x.copy(self.x)
 
+    def set_values(self, values: np.ndarray) -> None:
+        self.x.array[:] = values
+
     def set_load(self, load: float) -> None:
         self.load = load
 
