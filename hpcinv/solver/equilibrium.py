@@ -21,6 +21,7 @@ from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.border import Border
 from hpcinv.solver.bordered_solver import BorderedSolver
+from hpcinv.solver.callbacks import weakly
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve, Tolerance
@@ -141,15 +142,15 @@ class Equilibrium:
         snes = PETSc.SNES().create(self.system.comm)
         snes.setOptionsPrefix(SolverOptions.prefix)
         snes.setKSP(self.linear.ksp)
-        snes.setFunction(self._assemble_residual, self._r)
-        snes.setConvergenceTest(self._test_convergence)
+        snes.setFunction(weakly(self._assemble_residual), self._r)
+        snes.setConvergenceTest(weakly(self._test_convergence))
         with self.linear.options.blamed():
             snes.setFromOptions()
         # SNES would factorize its first tangent in any case, so the first one is not a tangent.
         snes.setJacobian(lambda *_: None, self.system.matrix)
         snes.computeJacobian(self._x, self.system.matrix)
-        snes.setJacobian(self._assemble_tangent, self.system.matrix)
-        snes.setLineSearchPreCheck(self._check)
+        snes.setJacobian(weakly(self._assemble_tangent), self.system.matrix)
+        snes.setLineSearchPreCheck(weakly(self._check))
         return snes
 
     def solve(
