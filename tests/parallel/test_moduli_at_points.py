@@ -56,7 +56,8 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     given = job(**data)
     model = Equations(given, build_body(given.mesh, given.regions, comm, resolve=given.resolve), Timings())
     deform(model.unknowns)
-    model.weak_form(given.directions[0]).parameters.set_load(0.7)
+    model.weak_form(given.directions[0])
+    model.put_load(0.7)
     return model
 
 
@@ -106,7 +107,8 @@ def test_moduli_of_straight_cells_at_rest_serve_finer_spaces(
     direction = model.job.directions[0]
     for equations in (model, finer):
         equations.unknowns.state.x.array[:] = 0.0
-        equations.weak_form(direction).parameters.set_load(0.7)
+        equations.weak_form(direction)
+        equations.put_load(0.7)
     system = System(finer.weak_form(direction), finer.supports, Timings())
     system.linearise(0.7)
     x, y = system.matrix.createVecs()

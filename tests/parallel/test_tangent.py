@@ -56,7 +56,7 @@ def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intra
     state = model.unknowns.state
     deform(model.unknowns)
     form = fem.form(ufl.derivative(remove_stages(weak_form.residual), state))
-    weak_form.parameters.set_load(0.7)
+    model.put_load(0.7)
     supports.scale(0.7)
     theirs = fem_petsc.assemble_matrix(form, bcs=supports.conditions)
     theirs.assemble()

@@ -113,7 +113,7 @@ def test_programs_of_the_registry_are_what_ffcx_compiles(
 ) -> None:
     model = model_of(of(**common(direction, formulation)), comm)
     weak_form, state = model.weak_form(model.job.directions[0]), model.unknowns.state
-    weak_form.parameters.set_load(0.7)
+    model.put_load(0.7)
     parts = [state] if model.unknowns.p is None else [state.sub(0), state.sub(1)]
     parts[0].interpolate(lambda x: 0.04 * np.stack([np.sin(2 * x[1]), x[0] * x[2], np.cos(x[0] + x[1])]))
     for pressure in parts[1:]:

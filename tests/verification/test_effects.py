@@ -72,7 +72,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     """Taylor: what the tangent leaves of the residual's change is of second order."""
     block = model(case(*names_with_a_load(name), hexahedra=hexahedra), comm)
     weak_form = block.weak_form(direction)
-    weak_form.parameters.set_load(0.7)
+    block.put_load(0.7)
     equilibrium = block.equilibrium(weak_form)
     snes, state = equilibrium.snes, weak_form.unknowns.state
 

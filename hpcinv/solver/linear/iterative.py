@@ -28,7 +28,6 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.unlocked_petsc import set_up
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.solver.callbacks import weakly
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Settling
@@ -84,7 +83,7 @@ class Iterative(LinearConfiguration):
         ksp.setTolerances(rtol=_RESIDUAL)
         ksp.setFromOptions()
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol"):  # set by the job, which has priority
-            ksp.setConvergenceTest(weakly(self.test))
+            ksp.setConvergenceTest(self.test)
         if pc.getType() == PETSc.PC.Type.PYTHON:
             pc.setPythonContext(
                 BlockTriangular(

@@ -20,7 +20,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
-from hpcinv.solver.callbacks import weakly
 from hpcinv.solver.linear.convergence_test import Refinement
 from hpcinv.solver.linear.factorization import Direct, is_mumps
 from hpcinv.solver.petsc_options import OptionValue
@@ -85,7 +84,7 @@ class Refined(Direct):
         ksp.setComputeEigenvalues(True)
         self._has_own_tolerance = PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_rtol")
         if not self._has_own_tolerance:  # the job's has priority
-            ksp.setConvergenceTest(weakly(self.test))
+            ksp.setConvergenceTest(self.test)
         self.test.is_kept = False
 
     def keep(self, ksp: PETSc.KSP) -> bool:
