@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.mesh_formats import MESHES
 from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process, length, length_unit
 from hpcinv.errors import OutputError
-from hpcinv.formats import MESHES
 
 if TYPE_CHECKING:
     from hpcinv.geometry.workshop.mould import Split

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.mesh_formats.partitioned_header import SUFFIX
 from hpcinv.base.quantity.units import length_symbol
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command
@@ -16,7 +17,6 @@ from hpcinv.cli.mesh_input import JOBS, check_one_process, length_unit, mesh_spe
 from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
-from hpcinv.formats.partitioned_header import SUFFIX
 from hpcinv.job.job import load
 from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
 from hpcinv.job.yaml_reader import read_text

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from hpcinv.base.files.followed_includes import included_files
-from hpcinv.formats.mesh_format import MeshFormat
+from hpcinv.base.mesh_formats.mesh_format import MeshFormat
 
 
 class Bdf(MeshFormat):
@@ -11,7 +11,7 @@ class Bdf(MeshFormat):
     other_suffixes = (".nas", ".fem")
     action = "bdf"
     elements = "bulk data of Nastran"
-    saver = "hpcinv.mesh.io.bdf:save_bdf"
+    saver = "hpcinv.formats.writers.bdf:save_bdf"
     saves_27_nodes = "never"
 
     def data_files(self, path: Path, *, isolated: bool | None = None) -> list[str]:

@@ -1,6 +1,6 @@
 """Exodus II: blocks, side sets and node sets are regions."""
 
-from hpcinv.formats.mesh_format import MeshFormat
+from hpcinv.base.mesh_formats.mesh_format import MeshFormat
 
 
 class Exodus(MeshFormat):
@@ -8,5 +8,5 @@ class Exodus(MeshFormat):
     other_suffixes = (".exo", ".ex2", ".g")
     action = "exodus"
     elements = "Exodus II"
-    saver = "hpcinv.mesh.io.exodus:save_exodus"
+    saver = "hpcinv.formats.writers.exodus:save_exodus"
     saves_27_nodes = "if read"

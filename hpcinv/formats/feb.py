@@ -4,8 +4,8 @@ import re
 from html import unescape
 from pathlib import Path
 
+from hpcinv.base.mesh_formats.mesh_format import OF_NODES, Groups, MeshFormat
 from hpcinv.base.reading.door import admitted
-from hpcinv.formats.mesh_format import OF_NODES, Groups, MeshFormat
 
 _NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^<>]*?\bname\s*=\s*\"([^\"]*)\"")
 _UNNAMED = r"part-\d+"
@@ -17,7 +17,7 @@ class Feb(MeshFormat):
     suffix = ".feb"
     action = "feb"
     elements = "a model of FEBio"
-    saver = "hpcinv.mesh.io.feb:save_feb"
+    saver = "hpcinv.formats.writers.feb:save_feb"
     saves_27_nodes = "never"
 
     def groups(self, path: Path) -> Groups | None:

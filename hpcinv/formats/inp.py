@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from hpcinv.base.files.followed_includes import followed, included_files
+from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.fault import Fault
-from hpcinv.formats.mesh_format import Groups, MeshFormat
 
 _CONDITIONS = (
     r".+-(P[1-6]|EDNOR[1-4]|nodes|surface)",
@@ -18,7 +18,7 @@ class Inp(MeshFormat):
     suffix = ".inp"
     action = "inp"
     elements = "an input file"
-    saver = "hpcinv.mesh.io.inp:save_inp"
+    saver = "hpcinv.formats.writers.inp:save_inp"
     saves_27_nodes = "if read"
 
     def groups(self, path: Path) -> Groups | None:

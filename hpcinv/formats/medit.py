@@ -1,10 +1,10 @@
 """Meshes of Medit, as text: references are regions."""
 
-from hpcinv.formats.mesh_format import MeshFormat
+from hpcinv.base.mesh_formats.mesh_format import MeshFormat
 
 
 class Medit(MeshFormat):
     suffix = ".mesh"
     action = "medit"
     elements = "a file of Medit"
-    saver = "hpcinv.mesh.io.medit:save_medit"
+    saver = "hpcinv.formats.writers.medit:save_medit"

@@ -1,11 +1,11 @@
 """Universal files of I-deas: groups are regions."""
 
-from hpcinv.formats.mesh_format import MeshFormat
+from hpcinv.base.mesh_formats.mesh_format import MeshFormat
 
 
 class Unv(MeshFormat):
     suffix = ".unv"
     action = "unv"
     elements = "a universal file"
-    saver = "hpcinv.mesh.io.unv:save_unv"
+    saver = "hpcinv.formats.writers.unv:save_unv"
     saves_27_nodes = "never"

@@ -9,13 +9,13 @@ from pydantic import BeforeValidator, Field, ValidationInfo
 
 from hpcinv.base.files.names import FilePath, is_file
 from hpcinv.base.files.untrusted import applies
+from hpcinv.base.mesh_formats import FORMATS, mesh_fault
 from hpcinv.base.quantity.keys import JobKey
 from hpcinv.base.quantity.quantity import AnyMeasured, Length, LengthUnit, Measured, Quantity, Size
 from hpcinv.base.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, Triple, repeated, shown
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.filling_points import FillingPoint, filling_points, pressure_in, pressure_keys
 from hpcinv.job.sections import CUBIC, LENGTH, QuantityOfInterest, directory_of

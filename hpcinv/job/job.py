@@ -21,6 +21,8 @@ from pydantic import (
 
 from hpcinv.base.files.names import FilePath, is_file
 from hpcinv.base.files.untrusted import applies
+from hpcinv.base.mesh_formats import SAVED
+from hpcinv.base.mesh_formats.mesh_format import Groups
 from hpcinv.base.quantity.expressions import Expression, faults
 from hpcinv.base.quantity.keys import JobKey, assigned
 from hpcinv.base.quantity.plugins import fault_of_plugin, load_file
@@ -44,8 +46,6 @@ from hpcinv.base.quantity.schema import (
 from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError
-from hpcinv.formats import SAVED
-from hpcinv.formats.mesh_format import Groups
 from hpcinv.job import region_references, rules
 from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
 from hpcinv.job.combinations import refusal, refused_combinations

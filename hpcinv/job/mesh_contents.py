@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hpcinv.base import reading
+from hpcinv.base.mesh_formats import FORMATS, action_of
+from hpcinv.base.mesh_formats.mesh_format import OF_NODES, Groups
 from hpcinv.base.reading.reader_outcome import fault_found
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.formats import FORMATS, action_of
-from hpcinv.formats.mesh_format import OF_NODES, Groups
 from hpcinv.job.sections import IMAGES, SURFACES, MeshFile, MeshSpec
 
 LARGEST = 20 * 10**6

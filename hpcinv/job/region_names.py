@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
+from hpcinv.base.mesh_formats import FORMATS
+from hpcinv.base.mesh_formats.mesh_format import Groups
 from hpcinv.base.quantity.schema import KeyPath
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
-from hpcinv.formats.mesh_format import Groups
 
 THIN = "has points or lines only, no whole facet"
 THIN_REMEDY = "Hold the facets around it, or its vertices if the loads balance: regions: {a: {vertices: [[0, 0, 0]]}}"

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from hpcinv.base.files.names import NamesFile
+from hpcinv.base.mesh_formats import FORMATS
+from hpcinv.base.mesh_formats.partitioned_header import read_header
 from hpcinv.base.quantity.expressions import LET
 from hpcinv.base.quantity.plugins import inputs_of
 from hpcinv.base.quantity.schema import Spec, metadata_in
@@ -20,8 +22,6 @@ from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
-from hpcinv.formats.partitioned_header import read_header
 from hpcinv.job.job import Job
 
 WITH_DEFINITIONS = {LET: True}

@@ -22,6 +22,8 @@ from pydantic_core import core_schema
 
 from hpcinv.base.files.names import FilePath, NamesFile, exists, is_file
 from hpcinv.base.files.untrusted import applies
+from hpcinv.base.mesh_formats import FORMATS as MESHES
+from hpcinv.base.mesh_formats import mesh_fault
 from hpcinv.base.quantity.expressions import Expression, faults, faults_with_constants
 from hpcinv.base.quantity.parameter_paths import Number, replace_scalar
 from hpcinv.base.quantity.quantity import AnyQuantity, Length, LengthUnit, Quantity, Size
@@ -43,8 +45,6 @@ from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.formats import FORMATS as MESHES
-from hpcinv.formats import mesh_fault
 from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.job.remote_load import RemoteLoad

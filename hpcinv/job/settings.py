@@ -18,9 +18,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.base.files.untrusted import FileBeside, applies, option_fault
+from hpcinv.base.mesh_formats import SAVED, mesh_fault
 from hpcinv.base.quantity.schema import Faults, ListOf, Spec, raise_if_any, shown
 from hpcinv.base.reading.door import REFUSED
-from hpcinv.formats import SAVED, mesh_fault
 
 if TYPE_CHECKING:
     SavedFormat = str

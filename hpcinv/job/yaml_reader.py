@@ -14,11 +14,11 @@ from typing import Any
 
 import yaml
 
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import JobError
-from hpcinv.formats import FORMATS
 
 MOST_BYTES = 8 * 2**20
 """bytes of a file"""

@@ -16,12 +16,12 @@ import ufl
 from dolfinx import fem, la
 
 from hpcinv.base.files.names import exists
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.base.quantity.nondimensional import power_of_two
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
 from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.region_rules import RegionRule
 from hpcinv.job.sections import MeshSpec

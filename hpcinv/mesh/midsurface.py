@@ -20,10 +20,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER
 from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError
-from hpcinv.formats.mesh_format import INNER, OUTER
 from hpcinv.job.sections import Shell
 from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.facet_groups import join_facets

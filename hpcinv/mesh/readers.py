@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.base.files.inputs import recorded_inputs
+from hpcinv.base.mesh_formats import FORMATS, check_untrusted
+from hpcinv.base.mesh_formats.mesh_format import MeshFormat, loaded
 from hpcinv.base.reading.door import admitted, trusted
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError, described
-from hpcinv.formats import FORMATS, check_untrusted
-from hpcinv.formats.mesh_format import MeshFormat, loaded
 from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.job.sections import ArrayLabels
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored, require_at_most

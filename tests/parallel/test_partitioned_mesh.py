@@ -21,9 +21,9 @@ from helpers.solutions import SOLVES
 
 import hpcinv
 from hpcinv.__main__ import main
+from hpcinv.base.mesh_formats.partitioned_header import HEADER
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError, MeshError, OutputError
-from hpcinv.formats.partitioned_header import HEADER
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.data import distribute

@@ -10,9 +10,9 @@ import pytest
 from helpers.mesh_cases import spec
 from scipy.spatial import cKDTree
 
+from hpcinv.base.mesh_formats import FORMATS, SAVED
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import OutputError
-from hpcinv.formats import FORMATS, SAVED
 from hpcinv.mesh import Body, build_body, write_mesh
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.mesh_files import left_out

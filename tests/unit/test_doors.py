@@ -57,7 +57,7 @@ OWN = {
     "base/files/directory_lock.py: path": "locks, which are JSON",
     "base/files/directory_lock.py: self._path": "locks, which are JSON",
     "base/files/muted.py: os.devnull": "nothing",
-    "formats/partitioned_header.py: path": "just written, or admitted with its directory",
+    "base/mesh_formats/partitioned_header.py: path": "just written, or admitted with its directory",
     "mesh/io/gmsh_model.py: path": "just written",
     "mesh/readers.py: scrap.name": "just written",
     "output/checkpoint.py: file": "checkpoints: 'resume --untrusted' reads none",

@@ -10,8 +10,8 @@ import pytest
 from helpers.command_line import ROOT
 from helpers.mesh_cases import spec
 
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
 from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource

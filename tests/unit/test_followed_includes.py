@@ -11,11 +11,11 @@ from helpers.command_line import hpcinv_here
 
 import hpcinv
 from hpcinv.base.files import followed_includes
+from hpcinv.base.mesh_formats import FORMATS, mesh_fault
 from hpcinv.base.reading import bdf_files, included_files
 from hpcinv.base.reading.door import VARIABLE
 from hpcinv.cli.cards import file_text
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.resolved_job import file_digest
 
 ROOT = Path(hpcinv.__file__).parent

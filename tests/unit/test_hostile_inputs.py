@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.base.reading import bdf_files
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.included_files import Inclusions, lines_of
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh.io.isolated import read_isolated
 

@@ -15,9 +15,9 @@ from helpers.command_line import NO_CERTIFICATE, ROOT, write_job
 from helpers.mesh_cases import spec
 
 import hpcinv
+from hpcinv.base.mesh_formats import FORMATS, mesh_fault
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS, mesh_fault
 from hpcinv.job.resolved_job import file_digest
 from hpcinv.mesh import read_source, reorder_to_source
 from hpcinv.mesh.mesh_files import UnstorableMesh, save

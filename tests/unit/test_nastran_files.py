@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers.other_format_cases import BDF, TEXTS, cdb, read, volume
 
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.errors import MeshError
-from hpcinv.formats import FORMATS
 
 
 @pytest.mark.usefixtures("same_process")

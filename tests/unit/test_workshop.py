@@ -21,9 +21,9 @@ from helpers.command_line import environment
 from helpers.sheets import sheet
 
 from hpcinv.__main__ import main
+from hpcinv.base.mesh_formats import FORMATS
+from hpcinv.base.mesh_formats import MESHES as SAVED
 from hpcinv.errors import MeshError, OutputError
-from hpcinv.formats import FORMATS
-from hpcinv.formats import MESHES as SAVED
 from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.geometry.workshop.formats import WRITERS, write
 from hpcinv.geometry.workshop.mould import Split, loose_pieces, mould, undercut

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.files.atomic import write_output
+from hpcinv.base.mesh_formats import MESHES
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import OutputError
-from hpcinv.formats import MESHES
 from hpcinv.geometry.workshop.solid import Solid
 from hpcinv.geometry.workshop.step import step_content
 

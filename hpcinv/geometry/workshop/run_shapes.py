@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.base.files.names import is_file
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.errors import JobError, OutputError
-from hpcinv.formats import FORMATS
 from hpcinv.job.sections import MeshSpec, Shell
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source

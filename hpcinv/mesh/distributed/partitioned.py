@@ -28,10 +28,10 @@ import adios2
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.mesh_formats.partitioned_header import HEADER, Header, describe_file, read_header
 from hpcinv.base.parallel.runtime import MPI, agree, on_root
 from hpcinv.base.reading.door import trusted
 from hpcinv.errors import HpcinvError, MeshError, OutputError
-from hpcinv.formats.partitioned_header import HEADER, Header, describe_file, read_header
 from hpcinv.mesh.cells import FACET_KIND, no_cells
 from hpcinv.mesh.distributed.parts import sort_by_tags
 from hpcinv.mesh.distributed.rows import Rows, even_range

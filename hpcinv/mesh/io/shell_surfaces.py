@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.mesh_formats.vtu import REGION
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.formats.vtu import REGION
 from hpcinv.job.sections import SURFACES, ArrayLabels
 from hpcinv.mesh.cells import degree_of, no_cells, scalar_element, sub_entities, vertex_count, vtk_order
 from hpcinv.mesh.checks import check_nodes

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.mesh_formats.mesh_format import MeshArrays
+from hpcinv.base.mesh_formats.vtu import REGION
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
-from hpcinv.formats.mesh_format import MeshArrays
-from hpcinv.formats.vtu import REGION
 from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vertex_count, vtk_order
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit

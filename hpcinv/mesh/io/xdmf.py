@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.base.files.names import is_file
+from hpcinv.base.mesh_formats.xdmf import IN_FILE, mesh_grids, root_of
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
-from hpcinv.formats.xdmf import IN_FILE, mesh_grids, root_of
 from hpcinv.mesh.cells import FACET_KIND, degree_of, no_cells, vtk_order
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, Place, data_arrays
 from hpcinv.mesh.topology import find_rows

@@ -14,9 +14,9 @@ from typing import Any
 
 from jinja2 import UndefinedError
 
+from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import OutputError
-from hpcinv.formats import FORMATS
 from hpcinv.pages.reports.page import render
 from hpcinv.pages.reports.run_page import quantity_rows
 from hpcinv.pages.reports.wording import words

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.vtk_headers import END, elements_of
-from hpcinv.formats.mesh_format import Groups, MeshFormat
 
 REGION = "region:"
 _OF_GRID = ("connectivity", "offsets", "types", "faces", "faceoffsets", "node_tag", "cell_tag", "vtkGhostType")

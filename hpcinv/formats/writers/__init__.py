@@ -1,0 +1,1 @@
+"""Writers of mesh files for other programs."""
