@@ -22,7 +22,7 @@ def forces_of(system: System) -> Iterator[tuple[Callable[[Floats], Floats], Call
     kept_state, owned = system.state.x.array.copy(), len(system.rhs.array)
 
     def local_unknowns(field: Floats) -> Floats:
-        values = np.zeros_like(kept_state)
+        values: Floats = np.zeros_like(kept_state)
         values[unknowns.displacement_dofs_of_nodes] = field
         return values
 

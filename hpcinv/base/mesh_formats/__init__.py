@@ -1,4 +1,4 @@
-"""Formats of mesh files: one file each, registered by subclassing `MeshFormat`; those of other programs plug in.
+"""Formats of mesh files: one file each, registered by subclassing `MeshFormat`; formats of other programs plug in.
 
 They are the modules in the folder of `hpcinv.formats`, if there is one.
 """
