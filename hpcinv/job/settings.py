@@ -66,7 +66,7 @@ PetscValue = Annotated[
 ]
 
 
-Rescue = Literal["bulk-modulus", "arc-length", "line-search", "anderson"]
+Rescue = Literal["arc-length", "line-search", "anderson"]
 
 _USES: Mapping[str, tuple[str, ...]] = {
     "continuation": ("adaptive",),
@@ -105,7 +105,7 @@ class Solver(Spec):
     """number of limit points to pass before the state at full load is accepted (strategy: arc-length)"""
     maximum_steps: Annotated[int, Field(ge=1)] = 200
     """largest number of steps along the path (strategy: arc-length)"""
-    rescue: ListOf[Rescue] = ("bulk-modulus", "arc-length", "line-search", "anderson")
+    rescue: ListOf[Rescue] = ("arc-length", "line-search", "anderson")
     """fallbacks, in this order, if the strategy (adaptive or arc-length) fails; [] for none"""
     patience: Annotated[int, Field(ge=1)] = 500
     """factorizations in solves that fail, also in fallbacks, after which a direction is given up"""

@@ -177,11 +177,6 @@ class Parameters:
         assert len(entries) == len(self._values)
         return entries
 
-    def scale(self, index: int, name: str, factor: float) -> None:
-        """Set a uniform quantity of the ``index``-th ingredient to ``factor`` times its value in the job."""
-        place: int = self._places[index][name]
-        self.constant.value[place] = factor * self._values[place]
-
     def set_number(self, index: int, name: str, value: float) -> None:
         """Set a uniform quantity of the ``index``-th ingredient to a scaled value."""
         place: int = self._places[index][name]

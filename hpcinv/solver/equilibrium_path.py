@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
@@ -109,14 +109,3 @@ def limited(solves: Solves, effort: float) -> Solves:
             if spent > effort and not (solve.outcome.accepted and solve.load == 1.0):
                 yield Solve(solve.load, Outcome.STEP_LIMIT, (), 0, strategy=solve.strategy)
                 return
-
-
-def as_one_solve(path: EquilibriumPath, solves: Iterator[Solve]) -> Solve:
-    """Return the report of solves of which only the last can be a solution; without one the state is as before."""
-    start, taken = path.place(), list(solves)
-    last = taken[-1]
-    if not last.outcome.accepted:
-        path.return_to(start)
-    iterations = tuple(i for solve in taken for i in solve.iterations)
-    effort = sum(solve.factorizations for solve in taken)
-    return path.report(Solve(1.0, last.outcome, iterations, effort, last.signs))

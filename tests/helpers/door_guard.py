@@ -30,7 +30,6 @@ WRITERS = {
     "hpcinv.solver.series_continuation.SeriesContinuation": ("_lift",),
     "hpcinv.solver.remote_border.RemoteBorder": ("put", "set_columns"),
     "hpcinv.model.cavities.CavityEquation": ("set_pressure",),
-    "hpcinv.solver.methods.bulk_modulus.BulkModulus": ("_soften",),
 }
 """Classes with the methods that may write."""
 SETTERS = {

@@ -3,7 +3,6 @@
 They are tried in the order of the job, by default
 
 ============  =========================================================================================================
-bulk-modulus  for nearly incompressible bodies in the displacement form: the load on a softer material, then stiffened
 arc-length    arc-length continuation from the last solution
 line-search   a new tangent and PETSc's l2 line search in each of Newton's iterations, from the last solution
 anderson      for inverse problems: a fixed point of forward solves, refined by Newton's method
@@ -22,15 +21,14 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves, as_one_solve, limited
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves, limited
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.methods.bulk_modulus import BulkModulus
 from hpcinv.solver.methods.fixed_point import FixedPointMethod
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.series_continuation import STRATEGY as SERIES
 from hpcinv.solver.series_continuation import SeriesSteps
 
-EFFORT = {"bulk-modulus": 150, "arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
+EFFORT = {"arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
 _LARGE = 10_000
 """Unknowns of a large body. Below, a series saves less than the time to compile its code for the first time. With
@@ -156,15 +154,18 @@ def _line_search(problem: Problem, effort: int) -> Solves:
         yield from problem.path.follow(cut, effort)
 
 
-def _bulk_modulus(problem: Problem, effort: int) -> Solves:
-    rescue = BulkModulus(problem.equations, problem.path.equilibrium)
-    if rescue.is_applicable and not problem.path.equilibrium.system.is_on_path:
-        yield as_one_solve(problem.path, limited(rescue.solves(), effort))
-
-
 def _anderson(problem: Problem, effort: int) -> Solves:
-    if problem.direction == "inverse":
-        yield as_one_solve(problem.path, limited(_fixed_point(problem), effort))
+    """The fixed point as one solve: no state but the last is a solution of the inverse problem."""
+    if problem.direction != "inverse":
+        return
+    path = problem.path
+    start, taken = path.place(), list(limited(_fixed_point(problem), effort))
+    last = taken[-1]
+    if not last.outcome.accepted:
+        path.return_to(start)
+    iterations = tuple(i for solve in taken for i in solve.iterations)
+    factorizations = sum(solve.factorizations for solve in taken)
+    yield path.report(Solve(1.0, last.outcome, iterations, factorizations, last.signs))
 
 
 def _fixed_point(problem: Problem) -> Solves:
@@ -183,7 +184,6 @@ def _fixed_point(problem: Problem) -> Solves:
 
 
 RESCUES: Mapping[str, Callable[[Problem, int], Solves]] = {
-    "bulk-modulus": _bulk_modulus,
     "arc-length": _arc_length,
     "load steps": _load_steps,
     "line-search": _line_search,
