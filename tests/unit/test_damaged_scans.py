@@ -318,6 +318,7 @@ def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.M
         program.write_text(limit + code)
         monkeypatch.setattr(followed_includes, "_PROGRAM", program)
         monkeypatch.setattr(isolated, "_SECONDS", 1)
+        monkeypatch.setattr(isolated, "_WAITING", 2)
         with pytest.raises(MeshError, match=r"a\.mha: cannot be read as an image: that takes too long"):
             read_labels(path, {"block": [300]}, 1e-3)
 
