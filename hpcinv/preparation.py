@@ -34,8 +34,10 @@ class Prepared:
 
     Attributes:
         equations: of each solve of the job's plan.
-        solutions, record, estimate, unused_options: after a search for accuracy, the first solution, how it was found,
-            its estimated error, and PETSc options of the job that were not used.
+        solutions: after a search for accuracy, its first solution. The same holds for the other attributes.
+        record: how that solution was found.
+        estimate: its estimated error.
+        unused_options: PETSc options of the job that were not used.
     """
 
     job: Job

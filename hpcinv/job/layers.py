@@ -39,7 +39,8 @@ def layerings_of(
     """Return what divides a body into layers, the laws first; nothing if it is one.
 
     Args:
-        laws, effects: by their places in the job; the laws of all regions.
+        laws: laws of all regions, by their keys in the job.
+        effects: effects by their keys in the job.
         varied: numbers by which results are differentiated. Regions that have such numbers of their own are never the
             same, since they differ as soon as one of the numbers changes.
     """

@@ -29,7 +29,7 @@ def add_facets(source: MeshSource, sides: Mapping[str, Ints]) -> MeshSource:
     """Return the mesh with further groups of facets.
 
     Args:
-        sides: by the name of a group: rows (n, 2) of a cell and the local number of a facet of it, as DOLFINx counts.
+        sides: facets of each group, by its name: rows (n, 2) of a cell and the local number of its facet in DOLFINx.
     """
     groups, facets, count = list(source.groups), [source.facets], len(source.facets)
     for name, rows in sides.items():

@@ -88,10 +88,11 @@ def edge_neighbours(ends: Ints, place: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def neighbour_signs(one: Ints, other: Ints, agree: Ints, count: int) -> tuple[Ints, Ints]:
-    """Signs and parts of ``count`` cells: neighbours have the same sign where ``agree`` is 1, opposite ones where -1.
+    """Return a sign and the number of the connected part for each of ``count`` cells.
 
-    The first cell of each connected part has sign 1, and all its cells have where signs contradict each other. A part
-    is a set of cells that neighbours connect; some numbers below ``count`` are not used.
+    Neighbours have the same sign where ``agree`` is 1, and opposite signs where it is -1. The first cell of each part
+    has sign 1. Where the signs of a part contradict each other, all its cells have sign 1. Parts are not numbered
+    without gaps.
     """
     # Cell c is a node c with sign 1, and a node c + count with sign -1; nodes are linked where both signs are possible.
     same, opposite = other + count * (agree < 0), other + count * (agree > 0)

@@ -29,10 +29,10 @@ class Unknowns:
     Attributes:
         state: all unknowns in one function, ``u`` or ``(u, p)``.
         scalar_elements: elements of a displacement component, and of the pressure in the mixed form.
-        layers, has_directors: as given.
+        layers, has_directors: the arguments of these names.
         displacement_space, pressure_space: spaces of displacement and pressure; the latter in the mixed form only.
         u, p: parts of the state as UFL expressions; ``p`` is ``None`` in the displacement form.
-        v, q: its parts, for ``u`` and ``p``.
+        v, q: test functions of ``u`` and ``p``.
     """
 
     def __init__(

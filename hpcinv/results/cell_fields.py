@@ -44,7 +44,8 @@ def nodal_layer_fields(
 
     Args:
         points: nodes of the reference cell, (n, 3).
-        dofmap, index_map: of these nodes.
+        dofmap: numbers of these nodes in each local cell.
+        index_map: distribution of these nodes over the ranks.
     """
     owned = np.arange(body.mesh.topology.index_map(3).size_local)
     values = _in_layers(body, solution, layer, owned, points[None])

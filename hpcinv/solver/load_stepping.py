@@ -113,9 +113,12 @@ class _EndOfSeries:
     """End of a power series before the full load.
 
     Attributes:
-        last: its last solve, which failed.
-        load, place, sign: of its state, the state, and the sign of the tangent's determinant there.
-        tries: number of steps from its beginning that end before. Beyond `most`, steps go on from the end.
+        last: the last solve of the series, which failed.
+        load: load factor where the series ends.
+        place: state where the series ends.
+        sign: sign of the tangent's determinant in that state.
+        tries: number of load steps that began with the series and ended before its end. After more than `most` of
+            them, steps begin at the end of the series.
     """
 
     last: Solve

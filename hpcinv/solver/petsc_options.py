@@ -75,8 +75,8 @@ class SolverOptions:
     def blamed(self) -> Iterator[None]:
         """Context in which an error of PETSc is put down to options of the job, if it has any.
 
-        The options are removed then, so that jobs which follow in this process do not meet them. A message of this
-        program that ended a function which PETSc calls is raised as it was.
+        The options are removed then, so that jobs which follow in this process do not meet them. An error of
+        hpcinv in a function that PETSc calls is raised unchanged.
 
         Raises:
             JobError: with PETSc's reason, instead of its error.

@@ -69,7 +69,8 @@ class Prediction:
         origin: the state where it begins; overwritten by the next prediction.
         numbers: the unknown numbers where it begins.
         is_taken: whether the state was moved along it.
-        factorizations, signs: number of new tangents, and signs of their determinants.
+        factorizations: number of new tangents.
+        signs: signs of the determinants of the new tangents.
     """
 
     length: float

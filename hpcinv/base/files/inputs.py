@@ -24,7 +24,7 @@ _SYSTEM = tuple(
         *(os.path.expanduser(path) for path in ("~/.cache", "~/.config")),  # noqa: PTH111  (there may be no home)
     )
 )
-"""directories of installed programs, whose versions are recorded otherwise, and of what they keep for themselves"""
+"""directories of installed programs, whose versions are recorded elsewhere, and of their caches and settings"""
 
 
 class _Recorder:

@@ -19,7 +19,8 @@ class Identity:
         token: unique name.
         host: name of the host, for messages.
         machine: identity of the running system to which process numbers refer; "" if unknown.
-        pid, started: process number, and start in ticks since the system was booted.
+        pid: process number.
+        started: start of the process, in ticks since the system was booted.
         job: cluster and job of Slurm; "" outside Slurm.
         restart: number of times that Slurm has requeued the job.
     """

@@ -21,7 +21,8 @@ def fault_found(
         head: first line of the output; empty if there is none.
         code: exit code of the process.
         errors: what it has printed on standard error.
-        failure, advice: for a file that the process does not survive.
+        failure: text for a file that the process does not survive.
+        advice: remedy for such a file.
     """
     complaints = [match[1] for match in _COMPLAINT.finditer(errors.decode(errors="replace"))]
     if "fault" in head and not complaints:

@@ -26,8 +26,9 @@ class Rim:
     """A closed curve of edges around an opening of a surface.
 
     Attributes:
-        nodes: in no order.
-        middle, normal: of its plane, which points out of the vessel.
+        nodes: numbers of its nodes, in no order.
+        middle: mean of the positions of the nodes.
+        normal: unit normal of the plane of the rim, which points out of the vessel.
         radius: mean distance of the nodes from the middle.
         off: largest distance of a node from the plane.
     """

@@ -165,7 +165,9 @@ class Program:
     """An integrand at the points of one quadrature rule, or an expression at points.
 
     Attributes:
-        lanes, blocks, points: points of a block, blocks of a cell, points of a cell.
+        lanes: number of points of a block, which are evaluated together.
+        blocks: number of blocks of a cell.
+        points: number of points of a cell.
         rank: of the form; -1 for an expression.
         width: components of an expression.
         columns: basis functions of the trial function.

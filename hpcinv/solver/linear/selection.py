@@ -33,7 +33,10 @@ _SLOW = 2.0  # times the iterations by the displacement form, above which the mi
 _ROOM = 0.8  # share of the memory that factors may take
 _KEPT = 4  # times the memory of multigrid; there must be room for it if it is kept
 _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is rough
-_TANGENTS: Mapping[Direction, int] = {"inverse": 3, "forward": 6}  # of slender bodies that turn far
+_TANGENTS: Mapping[Direction, int] = {
+    "inverse": 3,
+    "forward": 6,
+}  # tangents of a solve, for slender bodies that turn far
 _OWN = frozenset({"ksp_type", "pc_type"})
 _PACKAGE = "pc_factor_mat_solver_type"
 
@@ -153,7 +156,7 @@ class Chooser:
                 self.forecast = replace(block, shape=shape, extents=block.shape)
             else:
                 self.forecast = block
-            if self.forecast.direct < self.forecast.iterative:  # a better ordering does not change that
+            if self.forecast.direct < self.forecast.iterative:  # a better ordering would make it still faster
                 return
 
     def choose(self, solver: Solver) -> Choice:

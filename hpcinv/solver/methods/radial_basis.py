@@ -45,9 +45,10 @@ class RadialBasis:
         self._width, self._weights, self.errors = min(fits, key=lambda fit: float((fit[2] ** 2).sum()))
 
     def outside(self, numbers: Sequence[float]) -> float:
-        """Return by how much numbers lie outside of the given ranges, in ranges; infinite off the given points' space.
+        """Return how far numbers lie outside of the ranges of the given points, as a multiple of these ranges.
 
-        Numbers that do not vary among the points must agree with them.
+        It is infinite for numbers outside the space of the given points. Numbers that do not vary among the points must
+        agree with them.
         """
         if ((self._signs != 0) & (np.sign(numbers) != self._signs)).any():
             return np.inf

@@ -74,11 +74,11 @@ def name_in_formula(place: KeyPath) -> str:
 
 
 class Response:
-    """Stress and tangent of a law as functions of the numbers at some places in it.
+    """Stress and tangent of a law as functions of some of its parameters.
 
     Args:
         law: an isotropic law; an incompressible one has no volumetric energy.
-        places: of the parameters, in the order in which values of them are given.
+        places: keys of these parameters, in the order in which their values are given.
     """
 
     def __init__(self, law: MaterialLaw, places: Sequence[KeyPath]) -> None:

@@ -47,9 +47,10 @@ class Accuracy:
     """Errors and orders of one measured quantity.
 
     Attributes:
-        references: of each case, or the reason why there is none.
-        errors, orders, effectivities: of each row, or ``None``. The order is observed between the step before and this
-            one; the effectivity is the estimated error over the true one.
+        references: reference value of each case, or the reason why there is none.
+        errors: error of each row, or ``None``.
+        orders: order of convergence from the row before to each row, or ``None``.
+        effectivities: ratio of the estimated to the true error of each row, or ``None``.
         fitted: order of each series along which the mesh is refined, if there is one case.
     """
 

@@ -32,7 +32,7 @@ _ACCURACY = 1e-4
 """Error of a series up to which its value is a start. Far larger ones would need a new tangent all the same."""
 _EXACT = 1e-11
 """Error of a series at the farthest case at which orders end early; raised, cases take more corrections."""
-_COLLINEAR = 1e-9  # share of the line by which numbers of a case on it may miss it
+_COLLINEAR = 1e-9  # largest distance of a case's numbers from the line, as a share of its length
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,9 @@ class ParameterSeries:
 
     Attributes:
         key: key of the case at which it was made.
-        first, last: numbers of that case, and of another case on the line.
-        origin: owned unknowns in that case.
+        first: numbers of that case.
+        last: numbers of another case on the line.
+        origin: owned unknowns in the first case.
         scales: of the unknowns.
         sign: as of `Guess`.
     """
@@ -84,7 +85,8 @@ def expanded(
     Args:
         equations: with the numbers of another case of the reuse group; the path leads there.
         key: key of the case that was solved.
-        first, last: numbers of that case and of the other one.
+        first: numbers of the case that was solved.
+        last: numbers of the other case.
 
     Raises:
         NotAnalytic: on all ranks, if there is no series; the message has the reason.

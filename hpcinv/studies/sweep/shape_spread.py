@@ -32,8 +32,9 @@ class ShapeSpread:
         sd: √(sum of the variances of the three coordinates), (n,) in m.
         sd_of_coordinates: (n, 3) in m.
         q2: at each node, 1 where nothing varies; of the surrogate whose degree suits the whole shape.
-        first, total: indices of each parameter at each node, (n, parameters), NaN where nothing varies; of the sum of
-            the variances of the three coordinates.
+        first: Sobol index of first order of each parameter at each node, (n, parameters); NaN where nothing varies.
+            Indices refer to the sum of the variances of the three coordinates.
+        total: total Sobol index of each parameter at each node, (n, parameters).
         dominating: number of the parameter with the largest total index, -1 where nothing varies or the surrogate is
             not good enough.
         whole: indices of the sum of the variances of all nodes; ``None`` if nothing varies.

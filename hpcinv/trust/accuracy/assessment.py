@@ -83,7 +83,7 @@ class Assessment:
 
     @property
     def bounds(self) -> dict[str, float]:
-        """The errors with their safety factors, or the least ones if these are larger; and the layer's."""
+        """Bounds of the errors: each error times its safety factor, or its least value, plus the error of layers."""
         return {
             name: max(self.safety[name] * e, self.least.get(name, 0.0)) + self.layer.get(name, 0.0)
             for name, e in self.errors.items()

@@ -46,10 +46,11 @@ class Step:
 
     Attributes:
         cell: "tetrahedron" or "hexahedron".
-        size: of the cells, relative to the first mesh; ``None`` if they were refined locally.
-        solve, estimate: their work; the estimate is one tangent of one degree more, of a shell on halved cells.
+        size: size of the cells relative to the first mesh; ``None`` if they were refined locally.
+        solve: work of the solve.
+        estimate: work of the error estimate: a tangent of one degree more, of a shell on halved cells.
         programs: seconds to make programs.
-        dimension: 3, or 2 of a shell: of the directions in which cells get smaller.
+        dimension: number of directions in which cells get smaller: 3, or 2 for a shell.
     """
 
     cell: str

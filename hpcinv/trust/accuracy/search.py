@@ -68,7 +68,8 @@ class Search:
 
     Attributes:
         best: the discretisation with the smallest estimated error, or the last one if none reached the full load.
-        promise, chosen: its assessment, and the number of its row.
+        promise: assessment of the best discretisation.
+        chosen: number of the row of the best discretisation.
     """
 
     best: Trial

@@ -42,7 +42,8 @@ class Trial:
         job: with degrees and mesh parameters of this discretisation.
         variant, body, equations: its mesh and its equations.
         solution: with all solves that led to it, also in earlier trials.
-        quantities, estimate: the job's quantities of interest, and their errors; none below the full load.
+        quantities: the job's quantities of interest; none below the full load.
+        estimate: estimated errors of these quantities.
         step: costs on this rank.
         unused_options: PETSc options of the job that were not used.
     """
@@ -183,7 +184,8 @@ def _interpolate_layers(new: fem.Function, old: fem.Function, layers: Ints | Non
     """Interpolate between meshes of one body, whose coordinates have the same scale; return whether that was possible.
 
     Args:
-        layers, given: of the local cells of the new and of the old mesh; the pressure of each comes from the same one.
+        layers: number of the layer of each local cell of the new mesh.
+        given: the same of the old mesh. Pressures are interpolated within a layer.
     """
     here, there = new.function_space.mesh, old.function_space.mesh
     owned = [np.arange(m.topology.index_map(3).size_local, dtype=np.int32) for m in (here, there)]

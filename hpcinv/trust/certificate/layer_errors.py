@@ -70,7 +70,7 @@ def _of_stresses(
 
 
 def _missing(tractions: FaceTractions, places: Floats) -> Floats:
-    """Return what the stress lacks at the nodes of each face that are next to some places, (2, n) Pa."""
+    """Return the tractions that the stress lacks, (2, n) Pa: on each of the two faces, at the nodes nearest to places."""
     faces = zip(tractions.points, tractions.missing, strict=True)
     return np.stack([missing[_nearest(points, places)[1]] for points, missing in faces])
 

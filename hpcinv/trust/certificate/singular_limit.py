@@ -48,11 +48,12 @@ class SingularLimit:
     """Effect of singular edges on the error of one solution.
 
     Attributes:
-        share: of the error, in cells that touch them.
-        order: with which that part of the error falls with the size of cells.
+        share: share of the error that is in cells that touch these edges.
+        order: order at which this share of the error falls with the size of cells.
         factor: ratio of the whole error to the part that the estimate finds.
-        is_reliable: whether the estimate is, on one mesh.
-        name, point: the edge that has most of it, and one of its points (m).
+        is_reliable: whether an estimate on one mesh is reliable.
+        name: name of the edge with most of this error.
+        point: a point of that edge (m).
         missed: factor of each owned cell: its share of the estimate is too small by it.
         orders: order of the errors of each owned cell; infinite in those that touch no singular edge.
     """
