@@ -36,7 +36,8 @@ _WORTH_NESTED = 2.5  # least gain of nested iteration by the forecast, which is 
 _TANGENTS: Mapping[Direction, int] = {
     "inverse": 3,
     "forward": 6,
-}  # tangents of a solve, for slender bodies that turn far
+}
+"""Number of tangents of a solve, for slender bodies that turn far."""
 _OWN = frozenset({"ksp_type", "pc_type"})
 _PACKAGE = "pc_factor_mat_solver_type"
 

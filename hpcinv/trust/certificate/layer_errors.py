@@ -70,7 +70,7 @@ def _of_stresses(
 
 
 def _missing(tractions: FaceTractions, places: Floats) -> Floats:
-    """Return the tractions that the stress lacks, (2, n) Pa: on each of the two faces, at the nodes nearest to places."""
+    """Return the tractions (2, n) in Pa that the stress lacks on both faces, at the nodes nearest to some places."""
     faces = zip(tractions.points, tractions.missing, strict=True)
     return np.stack([missing[_nearest(points, places)[1]] for points, missing in faces])
 
