@@ -197,7 +197,7 @@ class PointScalars:
         return [[self._graph.divide(self._cofactor(i, b), self._determinant) for i in range(_DIM)] for b in range(_DIM)]
 
     def _normal(self, i: int) -> Node:
-        """Return a component of the normal. Its length is the area of the facet by `volume` and by the reference area."""
+        """Return a component of the normal. Its length is the facet's area by `volume` and by the reference area."""
         return self._sum(
             self._graph.multiply(self._inverse[b][i], self._graph.input(("normal", b))) for b in range(_DIM)
         )
