@@ -59,6 +59,10 @@ def _supports(job: Any, key: str) -> Iterator[KeyPath]:
 def _unknown_pressures(job: Any) -> Iterator[KeyPath]:
     yield from (("cavities", name) for name in job.controlled_cavities)
     yield from (("states", i, "volumes") for i, state in enumerate(job.states) if state.controlled)
+    lists: list[tuple[KeyPath, Any]] = [(("effects",), job.effects)]
+    lists += [(("states", i, "effects"), state.effects) for i, state in enumerate(job.states)]
+    for place, effects in lists:
+        yield from ((*place, i) for i, effect in enumerate(effects) if effect.is_unknown)
 
 
 def _iterated_contact(job: Any) -> Iterator[KeyPath]:
@@ -126,8 +130,11 @@ PARTS: Mapping[str, Part] = {
     "observed meshes": Part("meshes of observations in `identify`", _observed_meshes),
 }
 
-_PRESSURE = "is not possible with a cavity of unknown pressure: give a pressure"
-_FORWARD_PRESSURE = "is not possible with a cavity of unknown pressure, which its forward solves cannot determine"
+_PRESSURE = "is not possible with a pressure or another number of a load that the solve finds: give it"
+_FORWARD_PRESSURE = (
+    "is not possible with a pressure or another number of a load that the solve finds: forward solves cannot determine"
+    " it"
+)
 _FORWARD_LOAD = "is not possible with a remote load, whose reference point in the body of a forward solve is unknown"
 _REMOTE = "is not possible with a remote load: give a 'motion', or a traction"
 _NO_ESTIMATE = "needs an estimate of the discretisation error, which "

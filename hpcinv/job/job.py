@@ -318,13 +318,12 @@ class Job(Spec):
             first = places.stop
         raise KeyError(name)
 
-    def with_pressures(self, pressures: Mapping[str, float]) -> Job:
-        """Return the job with pressures (Pa) of all cavities of unknown pressure as given ones."""
+    def with_pressure(self, name: str, pressure: float) -> Job:
+        """Return the job with the pressure (Pa) of a cavity as a given one; cavities become such in their order."""
         effects = list(self.effects)
-        for name, pressure in pressures.items():
-            for place in self.cavity_effects(name):
-                effects[place] = effects[place].model_copy(update={"pressure": pressure})
-        cavities = {name: cavity.model_copy(update=dict.fromkeys(CONTROLS)) for name, cavity in self.cavities.items()}
+        for place in self.cavity_effects(name):
+            effects[place] = effects[place].model_copy(update={"pressure": pressure})
+        cavities = {**self.cavities, name: self.cavities[name].model_copy(update=dict.fromkeys(CONTROLS))}
         return self.model_copy(update={"effects": tuple(effects), "cavities": cavities})
 
     @property

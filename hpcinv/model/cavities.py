@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from copy import copy
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from dolfinx.mesh import entities_to_geometry
@@ -20,6 +21,7 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.weak_form import WeakForm
 
 _UNEVEN = 0.1
@@ -29,7 +31,7 @@ _EMPTY = 1e-9
 
 
 @dataclass(frozen=True)
-class CavityReport:
+class CavityReport(ConstraintReport):
     """A cavity whose pressure was unknown, in a solution. All in SI.
 
     Attributes:
@@ -39,6 +41,9 @@ class CavityReport:
         residual: of its equation, relative to the larger volume.
         compliance: fall of the volume with the pressure of its gas or windkessel (m³/Pa), 0 with a given volume.
     """
+
+    section: ClassVar[str] = "cavities"
+    what: ClassVar[str] = "the pressure of a cavity"
 
     name: str
     control: Cavity
@@ -50,6 +55,15 @@ class CavityReport:
 
     def as_data(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "control"}
+
+    def given_in(self, job: Job) -> Job:
+        return job.with_pressure(self.name, self.pressure)
+
+    def posed_in(self, job: Job) -> Job:
+        return job.model_copy(update={"cavities": {**job.cavities, self.name: self.control}})
+
+    def shifted(self, step: Sequence[float]) -> CavityReport:
+        return replace(self, pressure=self.pressure + float(step[0]))
 
 
 def enclosed_volume(job: Job, body: Body, name: str) -> EnclosedVolume:
@@ -140,6 +154,10 @@ class CavityEquation:
 
     Args:
         target_volume: volume (m³) of the unknown body, if the cavity has a given volume.
+
+    Attributes:
+        number: the pressure, scaled.
+        unit: SI value of a scaled unit of it.
     """
 
     def __init__(
@@ -152,13 +170,33 @@ class CavityEquation:
         self._target_volume = None if target_volume is None else target_volume / scales.length**3
         first = len(job.laws)
         self._places = [first + i for i in job.cavity_effects(name)]
-        self.pressure = 0.0
+        self.number, self.unit = 0.0, scales.stress
 
-    def set_pressure(self, pressure: float, load: float) -> None:
-        """Set the unknown pressure (scaled) in the weak form, whose forces are in proportion to their load factor."""
-        self.pressure = pressure
+    def put(self) -> None:
+        """Put the pressure into the weak form, whose forces are in proportion to its present load factor.
+
+        Unknown pressures belong to the first load case.
+        """
+        parameters = self._weak_form.parameters
         for place in self._places:
-            self._weak_form.parameters.set_number(place, "pressure", pressure / load)
+            parameters.set_number(place, "pressure", self.number / float(parameters.constant.value[0]))
+
+    def on_mesh(self) -> CavityEquation:
+        """Return the equation on the mesh as it lies now; collective."""
+        moved = copy(self)
+        moved._mesh_volume = self._enclosed.volume(self._body.nodes)
+        return moved
+
+    def value(self, load: float) -> float:
+        """Return C at the present state; collective."""
+        return self.evaluate(load)[0]
+
+    def linearise(self, load: float, b: PETSc.Vec) -> float:
+        """Set ``b`` to the derivative of C by the state, and return the derivative by the pressure; collective."""
+        _, by_volume, by_pressure = self.evaluate(load)
+        self.slope(b)
+        b.scale(by_volume)
+        return by_pressure
 
     def volume(self) -> float:
         """Return the volume (m³) in the unknown body at the present state; collective."""
@@ -171,7 +209,7 @@ class CavityEquation:
         return CavityReport(
             self.name,
             self._cavity,
-            self.pressure * self._scales.stress,
+            self.number * self._scales.stress,
             loaded,
             unloaded,
             abs(value) * self._scales.length**3 / max(abs(loaded), abs(unloaded)),
@@ -183,7 +221,7 @@ class CavityEquation:
         if (windkessel := self._cavity.windkessel) is not None:
             return windkessel.compliance
         gas = self._cavity.gas
-        return 0.0 if gas is None else loaded / (self.pressure * self._scales.stress + gas.ambient)
+        return 0.0 if gas is None else loaded / (self.number * self._scales.stress + gas.ambient)
 
     def evaluate(self, load: float) -> tuple[float, float, float]:
         """Return C and its derivatives by the volume of the unknown body and by the pressure; collective."""
@@ -194,13 +232,13 @@ class CavityEquation:
         unloaded, loaded = kin.reference_and_current(mesh_volume, other)
         if (windkessel := self._cavity.windkessel) is not None:
             compliance = windkessel.compliance * self._scales.stress / unit
-            inflow = compliance * (self.pressure - load * windkessel.pressure / self._scales.stress)
+            inflow = compliance * (self.number - load * windkessel.pressure / self._scales.stress)
             value = loaded - mesh_volume - load * (windkessel.volume / unit - mesh_volume) + inflow
             return value, kin.unknown_body_value(0.0, 1.0), compliance
         gas = self._cavity.gas
         assert gas is not None
         ambient, amount = gas.ambient / self._scales.stress, 1 + load * (gas.amount - 1)
-        ratio = (self.pressure + ambient) / ambient
+        ratio = (self.number + ambient) / ambient
         return ratio * loaded - amount * unloaded, kin.unknown_body_value(-amount, ratio), loaded / ambient
 
     def number_rate(self, place: KeyPath) -> float:
@@ -209,7 +247,7 @@ class CavityEquation:
         match place:
             case ("windkessel", "compliance"):
                 assert self._cavity.windkessel is not None
-                return (self.pressure * stress - self._cavity.windkessel.pressure) / volume
+                return (self.number * stress - self._cavity.windkessel.pressure) / volume
             case ("windkessel", "pressure"):
                 assert self._cavity.windkessel is not None
                 return -self._cavity.windkessel.compliance / volume
@@ -218,7 +256,7 @@ class CavityEquation:
                 unloaded, loaded = self._weak_form.kinematics.reference_and_current(self._mesh_volume, self.volume())
                 if key == "amount":
                     return float(-unloaded / volume)
-                return float(-self.pressure * stress / self._cavity.gas.ambient**2 * loaded / volume)
+                return float(-self.number * stress / self._cavity.gas.ambient**2 * loaded / volume)
         return -1 / volume  # a given volume, or the windkessel's
 
     def slope(self, b: PETSc.Vec) -> None:
@@ -259,8 +297,3 @@ def _equations(job: Job, body: Body, weak_form: WeakForm, scales: Scales) -> Ite
             if target_volume is None:
                 target_volume = enclosed_volume(job, body, name).volume(body.given_nodes)
         yield CavityEquation(name, job, body, weak_form, scales, target_volume)
-
-
-def reports_of(equations: Sequence[CavityEquation], load: float) -> tuple[CavityReport, ...]:
-    """Return the reports of all cavities of unknown pressure; collective."""
-    return tuple(equation.report(load) for equation in equations)

@@ -182,6 +182,12 @@ class Parameters:
         place: int = self._places[index][name]
         self.constant.value[place] = self._values[place] = value
 
+    def number_direction(self, index: int, name: str) -> npt.NDArray[np.float64]:
+        """Return the rates of the entries of the constant as a uniform quantity of an ingredient grows by 1, scaled."""
+        entries = np.zeros(len(self._values))
+        entries[self._places[index][name]] = 1.0
+        return entries
+
     @property
     def functions(self) -> tuple[fem.Function, ...]:
         """Quantities of the forms that are functions."""

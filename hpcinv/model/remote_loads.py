@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,15 +11,17 @@ from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.job.job import Job
 from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import Motion
 from hpcinv.mesh.source import Floats
+from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.kinematics.rigid_motion import rotation_matrix, rotation_vector
 
 
 @dataclass(frozen=True)
-class RemoteReport:
+class RemoteReport(ConstraintReport):
     """A region under a remote load, in a solution. All in SI.
 
     Attributes:
@@ -28,6 +30,10 @@ class RemoteReport:
         motion: from the unloaded to the loaded body; its axis goes through the reference point.
         residual: force or moment that is not balanced, relative to the nodal forces on the region or their moments.
     """
+
+    section: ClassVar[str] = "remote_loads"
+    what: ClassVar[str] = "the motion under a remote load"
+    count: ClassVar[int] = 6
 
     region: str
     support: int
@@ -43,6 +49,14 @@ class RemoteReport:
     def as_data(self) -> dict[str, Any]:
         motion = self.motion.model_dump(mode="json")
         return {"region": self.region, **self.load.model_dump(mode="json"), "motion": motion, "residual": self.residual}
+
+    def given_in(self, job: Job) -> Job:
+        return job.with_motions({self.support: self.motion})
+
+    def posed_in(self, job: Job) -> Job:
+        supports = list(job.supports)
+        supports[self.support] = supports[self.support].model_copy(update={"motion": None, "remote": self.load})
+        return job.model_copy(update={"supports": tuple(supports)})
 
 
 class RemoteFace:

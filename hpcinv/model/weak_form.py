@@ -33,7 +33,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import Shell
 from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.contacts import Contacts
-from hpcinv.model.external_work import external_work
+from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
@@ -100,6 +100,7 @@ class WeakForm:
         residual: UFL form, linear in the test functions of ``unknowns``.
         J: volume ratio; mesh_J: the determinant that must be positive at every point.
         H: displacement gradient, the variable of all expressions in `parts`.
+        constraints: integrals that unknown numbers of effects make zero, by the places of the effects.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
@@ -151,6 +152,7 @@ class WeakForm:
         self._strains, self._potentials = [strain for _, strain in strains], potentials
         works = [external_work(where, effect, kin, unknowns.v, load, p) for where, (effect, load, p) in named]
         self._works = [work for work in works if work is not None]
+        self.constraints = dict(constraint_forms(named, kin, unknowns.u))
         self.residual = self._residual()
         self.J = Deformation(H).J if is_one_layer else total.J
         self.mesh_J = kin.mesh_J

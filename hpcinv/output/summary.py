@@ -26,6 +26,7 @@ from hpcinv.base.quantity.written_units import written_units
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.model.constraint_report import by_section
 from hpcinv.output.result import Result
 from hpcinv.output.shape_error import shape_error
 from hpcinv.results.solution import Solution
@@ -139,8 +140,7 @@ def _solution(solution: Solution, displacement: int) -> dict[str, Any]:
         "J": {"min": solution.J_range[0], "max": solution.J_range[1]},
         "strain_energy": solution.strain_energy,
         "contacts": [contact.as_data() for contact in solution.contacts],
-        **({"cavities": [cavity.as_data() for cavity in solution.cavities]} if solution.cavities else {}),
-        **({"remote_loads": [load.as_data() for load in solution.remote_loads]} if solution.remote_loads else {}),
+        **by_section(solution.constraints),
         "solves": [asdict(s) | {"outcome": s.outcome.name} for s in solution.solves],
     }
 

@@ -6,10 +6,10 @@ import numpy as np
 from dolfinx.fem import Function
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.model.cavities import CavityReport
 from hpcinv.model.cell_means import LayerValues
+from hpcinv.model.constraint_report import ConstraintReport, of_kind
 from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.model.state import State
 from hpcinv.model.weak_form import WeakForm
@@ -33,8 +33,7 @@ class Solution(State):
         prestrain_stress: the same that prestrain alone causes in the body's reference shape, else ``None``.
         J_range: smallest and largest volume ratio at any quadrature point.
         solves: every solve of the method, failed ones included.
-        cavities: cavities of unknown pressure; `job` has the pressures that were found as given ones.
-        remote_loads: regions under remote loads; `job` has the motions that were found as given ones.
+        constraints: numbers of loads and supports that the solves found; `job` has them as given ones.
         start: state or shape file where the load path began; empty for the unloaded body.
         coarse: report of the solve on coarser cells before it, ``None`` without one.
     """
@@ -47,8 +46,7 @@ class Solution(State):
     strain_energy: float
     solves: tuple[Solve, ...]
     linear: Used | None = None
-    cavities: tuple[CavityReport, ...] = ()
-    remote_loads: tuple[RemoteReport, ...] = ()
+    constraints: tuple[ConstraintReport, ...] = ()
     prestrain_stress: Function | None = None
     layer: LayerValues | None = None
     start: str = ""
@@ -60,14 +58,14 @@ class Solution(State):
         return self.job.state
 
     @property
-    def posed_job(self) -> Job:
-        """The job as it was solved, where pressures of cavities and motions of regions are unknown."""
-        cavities = {**self.job.cavities, **{report.name: report.control for report in self.cavities}}
-        supports = list(self.job.supports)
-        for report in self.remote_loads:
-            spec = supports[report.support]
-            supports[report.support] = spec.model_copy(update={"motion": None, "remote": report.load})
-        return self.job.model_copy(update={"cavities": cavities, "supports": tuple(supports)})
+    def cavities(self) -> tuple[CavityReport, ...]:
+        """Cavities of unknown pressure."""
+        return of_kind(self.constraints, CavityReport)
+
+    @property
+    def remote_loads(self) -> tuple[RemoteReport, ...]:
+        """Regions under remote loads."""
+        return of_kind(self.constraints, RemoteReport)
 
     @property
     def sign(self) -> int:

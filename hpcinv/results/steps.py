@@ -102,13 +102,10 @@ def _solution(
         weak_form = equations.weak_form(step.direction)
         solution = solution_of(equations, step.direction, weak_form, solved.solves, solved.load, solved.linear)
     start_state = start_shape or "" if step.start is None else earlier[step.start].state
-    if solved.cavities:
-        pressures = {cavity.name: cavity.pressure for cavity in solved.cavities}
-        solution = replace(solution, job=step.job.with_pressures(pressures), cavities=solved.cavities)
-    if solved.remote_loads:
-        motions = {load.support: load.motion for load in solved.remote_loads}
-        solution = replace(solution, job=solution.job.with_motions(motions), remote_loads=solved.remote_loads)
-    return replace(solution, start=start_state, coarse=coarse)
+    job = solution.job
+    for report in solved.constraints:
+        job = report.given_in(job)
+    return replace(solution, job=job, constraints=solved.constraints, start=start_state, coarse=coarse)
 
 
 def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[Function, Function | None]:

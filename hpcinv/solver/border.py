@@ -1,21 +1,28 @@
 """Interface of unknown numbers of loads or supports, with as many equations for them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from inspect import isabstract
+from typing import Any, ClassVar
 
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.job.job import Job
+from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
+from hpcinv.model.constraint_report import ConstraintReport
+from hpcinv.model.discrete_model import DiscreteModel
 
 
 class Border(ABC):
     """Unknown numbers q on which the equilibrium ``R(x, q) = 0`` depends, and equations ``C(x, q) = 0`` for them.
 
-    Methods are collective.
+    A subclass is registered, and taken for each job for which `of_job` returns some. Methods are collective.
 
     Attributes:
+        order: of a kind among all unknown numbers.
         count: number of unknowns, and of equations.
         least: displacement (scaled) that rounding errors of C let count as none.
         least_load: load factor below which the numbers cannot be put in.
@@ -24,6 +31,33 @@ class Border(ABC):
     count: int
     least: float = 0.0
     least_load: float = 0.0
+    order: ClassVar[int]
+
+    @classmethod
+    @abstractmethod
+    def of_job(cls, job: Job, equations: DiscreteModel, system: System) -> "Iterable[Border]":
+        """Return the unknown numbers of this kind of a job, on the mesh as it lies."""
+
+    @abstractmethod
+    def reports(self, load: float) -> Sequence[ConstraintReport]:
+        """Return the reports of the present state, a solution at a load factor, with as many numbers in order."""
+
+    def adopt(self, reports: Sequence[ConstraintReport]) -> None:
+        """Take the numbers of a solution at full load, which the system is in, and put them in."""
+        self.recover(1.0)
+
+    @property
+    def units(self) -> Floats:
+        """SI values of scaled units of the numbers, as reports have them."""
+        return np.ones(self.count)
+
+    def equations_on_mesh(self, load: float) -> Floats:
+        """Return C at the present state on the mesh as it lies now."""
+        return self.equations(load)
+
+    def rates(self, parameter: Parameter, job: Job) -> Floats:
+        """Return the explicit derivatives of C at full load by a number of the job, zero for others."""
+        return np.zeros(self.count)
 
     @abstractmethod
     def put(self, load: float) -> None:
@@ -70,3 +104,13 @@ class Border(ABC):
 
     def destroy(self) -> None:  # noqa: B027  (most have none)
         """Free PETSc objects."""
+
+
+def kinds_of_borders() -> list[type[Border]]:
+    """Return the registered kinds of unknown numbers in their order."""
+    found, kinds = list(Border.__subclasses__()), list[type[Border]]()
+    while found:
+        kind = found.pop()
+        found += kind.__subclasses__()
+        kinds += [] if isabstract(kind) else [kind]
+    return sorted(kinds, key=lambda kind: kind.order)

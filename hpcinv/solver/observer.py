@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.model.cavities import CavityReport
-from hpcinv.model.remote_loads import RemoteReport
+from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import NewtonIteration, Solve
@@ -44,8 +43,7 @@ class SolvedDirection:
         stopped: whether a request to stop ended it.
         can_restart: whether there is a state from which a run can be resumed.
         unused_options: PETSc options of the job that PETSc did not use; ``None`` if nothing had to be solved.
-        cavities: cavities of unknown pressure, in the state that was reached.
-        remote_loads: regions under remote loads, in that state.
+        constraints: numbers of loads and supports that the solves found, in the state that was reached.
     """
 
     direction: Direction
@@ -55,8 +53,7 @@ class SolvedDirection:
     stopped: bool
     can_restart: bool
     unused_options: tuple[str, ...] | None
-    cavities: tuple[CavityReport, ...] = ()
-    remote_loads: tuple[RemoteReport, ...] = ()
+    constraints: tuple[ConstraintReport, ...] = ()
 
 
 class Observer:

@@ -28,8 +28,9 @@ WRITERS = {
     ),
     "hpcinv.model.assembly.taylor_residual.TaylorResidual": ("begin",),
     "hpcinv.solver.series_continuation.SeriesContinuation": ("_lift",),
-    "hpcinv.solver.remote_border.RemoteBorder": ("put", "set_columns"),
-    "hpcinv.model.cavities.CavityEquation": ("set_pressure",),
+    "hpcinv.solver.constraints.remote_motions.RemoteMotion": ("put", "set_columns"),
+    "hpcinv.model.cavities.CavityEquation": ("put",),
+    "hpcinv.model.effect_constraints.EffectConstraint": ("put",),
 }
 """Classes with the methods that may write."""
 SETTERS = {

@@ -323,14 +323,14 @@ def test_derivatives_of_the_equations(comm: MPI.Intracomm) -> None:
         step_function.x.scatter_forward()
         row = state.x.petsc_vec.duplicate()
         for cavity in cavity_equations(model.job, model.body, weak_form, model.scales):
-            cavity.set_pressure(0.3, load)
+            cavity.number = 0.3
             _, by_volume, by_pressure = cavity.evaluate(load)
             cavity.slope(row)
             slope = by_volume * dot(row, step_function.x.petsc_vec) + by_pressure
             values = []
             for k in (-2, -1, 1, 2):
                 state.x.array[:] = x + k * h * step_function.x.array
-                cavity.set_pressure(0.3 + k * h, load)
+                cavity.number = 0.3 + k * h
                 values.append(cavity.evaluate(load)[0])
             state.x.array[:] = x
             difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)

@@ -14,8 +14,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
+from hpcinv.solver.constraints.remote_motions import RemoteMotion
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.remote_border import RemoteBorder
 
 WIDTH = 0.2
 AREA, INERTIA = WIDTH**2, WIDTH**4 / 12
@@ -75,7 +75,7 @@ def test_derivatives_of_the_balance(comm: MPI.Intracomm) -> None:
         spec = bar({"force": [0.4, 0, 0.1]}, analysis=direction)
         model = Equations(spec, build_body(spec.mesh, spec.regions, comm, resolve=spec.resolve, degree=2), Timings())
         system = model.equilibrium(model.weak_form(direction)).system
-        border = RemoteBorder(system, 1, spec.remote_loads[1], model.scales)
+        border = RemoteMotion(system, 1, spec.remote_loads[1], model.scales)
         state, load, h = model.unknowns.state, 0.7, 2e-4
         deform(model.unknowns)
         border.change(np.array([0.1, 0.2, -0.1, 0.3, -0.5, 0.2]))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.schema import Faults, Name
+from hpcinv.base.quantity.units import Dimension
 
 if TYPE_CHECKING:
     from hpcinv.physics.kinematics.kinematics import Deformation as Deformation
@@ -38,6 +39,21 @@ class Effect(Ingredient):
 
     writes_its_stress: ClassVar[bool] = False
     """True if results have the stress that its inelastic strain alone causes in the body's reference shape."""
+
+    finds: ClassVar[str] = ""
+    """Number of a load that the solve finds if a job leaves it out (``None``), so that `constraint` is zero. The forces
+    of the load are in proportion to the number and to ``load``."""
+
+    @property
+    def is_unknown(self) -> bool:
+        """True if the solve finds a number of it."""
+        return bool(self.finds) and getattr(self, self.finds) is None
+
+    def quantities(self) -> dict[str, tuple[Any, Dimension]]:
+        quantities = super().quantities()
+        if self.is_unknown:
+            quantities[self.finds] = 0.0, quantities[self.finds][1]
+        return quantities
 
     @property
     def is_load(self) -> bool:
@@ -78,6 +94,14 @@ class Effect(Ingredient):
 
     def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any | None:
         """Return the external virtual work, a UFL form linear in the virtual displacement ``v``."""
+        return None
+
+    def constraint(self, k: Kinematics, u: Any, load: Any, par: Any) -> Any | None:
+        """Return an integral that is zero at the solution, if the solve finds a number: it may depend on the number.
+
+        ``u = x - X`` is the displacement, scaled. As ``load`` grows from 0, it leads from the unloaded body to what is
+        given.
+        """
         return None
 
     def inelastic_strain(self, k: Deformation, load: Any, par: Any) -> Any | None:

@@ -63,13 +63,13 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
             break
     equilibrium, load = method.equilibrium, method.reached_load
     loads = method.unknown_loads if isinstance(method, DirectMethod) and load else None
-    cavities, remote_loads = ((), ()) if loads is None else (loads.cavities(load), loads.remote_loads(load))
+    constraints = () if loads is None else loads.reports(load)
     # If nothing was solved, PETSc has used no options.
     unused = tuple(equilibrium.linear.options.unused()) if start.load != 1.0 else None
     equations.release(equilibrium)
     used = equilibrium.linear.used
     solved = SolvedDirection(
-        direction, tuple(solves), method.reached_load, used, stopped, can_restart, unused, cavities, remote_loads
+        direction, tuple(solves), method.reached_load, used, stopped, can_restart, unused, constraints
     )
     observer.ended(solved)
     return solved

@@ -20,8 +20,8 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.results.solution import Solution
-from hpcinv.results.unknown_numbers import solved_cavities
-from hpcinv.solver.cavity_border import CavityBorder
+from hpcinv.solver.constraints import solved_borders
+from hpcinv.solver.constraints.cavity_pressures import CavityPressures
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers
 from hpcinv.trust.certificate.confirmation import assembled, potential_note
@@ -38,11 +38,11 @@ ignored."""
 def with_cavities(equations: Equations, forward: ForwardFactors, line: Line) -> Line:
     """Return the line on stability, which was checked at given pressures, of the body with its cavities; collective.
 
-    A line that passes stays, since what holds a cavity stiffens the body, and so does one of a body with remote loads.
+    A line that passes stays, since what holds a cavity stiffens the body, and so does one with other unknown numbers.
     Without a count of directions it is not decided.
     """
     solution = forward.solution
-    if line.verdict in (Verdict.PASS, Verdict.SKIPPED) or solution.remote_loads:
+    if line.verdict in (Verdict.PASS, Verdict.SKIPPED) or len(solution.cavities) < len(solution.constraints):
         return line
     if line.value is None or not forward.affordable or forward.factors is None:
         return _undecided(line)
@@ -106,14 +106,17 @@ def _slopes(equations: Equations, forward: ForwardFactors) -> Iterator[Sequence[
     """
     with forward.tangent() as equilibrium:
         system = equilibrium.system
-        cavities = solved_cavities(equations, forward.solution, system.weak_form)
+        solution = forward.solution
+        (pressures,) = solved_borders(solution.job, solution.constraints, equations, system)
+        assert isinstance(pressures, CavityPressures)
+        cavities = pressures.loads
         r, column, is_whole = system.position(), system.position(), True
         slopes = [system.position() for _ in cavities]
         system.residual(r)
         for slope, cavity in zip(slopes, cavities, strict=True):
             cavity.slope(slope)
             equations.supports.free(slope.array)
-            border = CavityBorder(system, [cavity])
+            border = CavityPressures(system, [cavity])
             border.set_columns([column], r, 1.0)
             border.destroy()
             column.axpy(1.0, slope)
@@ -121,5 +124,6 @@ def _slopes(equations: Equations, forward: ForwardFactors) -> Iterator[Sequence[
     try:
         yield slopes if is_whole else None
     finally:
+        pressures.destroy()
         for vector in (r, column, *slopes):
             vector.destroy()

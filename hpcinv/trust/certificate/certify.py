@@ -45,7 +45,7 @@ class CheckedRun:
     def __post_init__(self) -> None:
         self.solution = self.solutions[0]
         self.forward = ForwardFactors(self.equations, self.solution)
-        self.has_unknown_loads = bool(self.solution.cavities or self.solution.remote_loads)
+        self.has_unknown_loads = bool(self.solution.constraints)
 
     def free(self) -> None:
         """Free factors; those that are needed again are made again."""

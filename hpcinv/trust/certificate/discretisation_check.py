@@ -38,8 +38,7 @@ class DiscretisationCheck(Check):
     def lines(self, run: CheckedRun) -> Iterator[Line]:
         equations, solution = run.equations, run.solution
         if run.has_unknown_loads:
-            what = "the pressure of a cavity" if solution.cavities else "the motion under a remote load"
-            yield skipped(DISCRETISATION, f"is not estimated where {what} is unknown")
+            yield skipped(DISCRETISATION, f"is not estimated where {solution.constraints[-1].what} is unknown")
             return
         is_asked = solution.job.certificate.estimate
         if run.estimate is None and is_asked:

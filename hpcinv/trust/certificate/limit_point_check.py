@@ -39,6 +39,8 @@ class LimitPointCheck(Check):
             yield skipped(LIMIT_POINTS, "with remote loads they are not looked for")
         elif run.solution.cavities:
             yield skipped(LIMIT_POINTS, "the pressure is unknown, and its limit points do not end the path")
+        elif run.solution.constraints:
+            yield skipped(LIMIT_POINTS, f"{run.solution.constraints[0].what} is unknown, and they are not looked for")
         else:
             yield from limit_points(run.equations, run.solution, *run.lines[StabilityCheck])
 

@@ -38,7 +38,8 @@ class StabilityCheck(Check):
 
     def lines(self, run: CheckedRun) -> Iterable[Line]:
         checked = stability(run.equations, run.forward, run.observer)
-        return judged_with_given_numbers(checked) if run.solution.remote_loads else checked
+        is_decided = len(run.solution.cavities) == len(run.solution.constraints)
+        return checked if is_decided else judged_with_given_numbers(checked)
 
 
 def stability(equations: Equations, forward: ForwardFactors, observer: Observer = SILENT) -> Iterator[Line]:

@@ -1,4 +1,4 @@
-"""Checks of cavities of unknown pressure and of remote loads: their equations, and stability against their motions."""
+"""Checks of numbers of loads and supports that the solve found: their equations, and stability of remote motions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from hpcinv.base.quantity.units import readable
-from hpcinv.results.unknown_numbers import solved_motions
+from hpcinv.model.constraint_report import of_kind
+from hpcinv.model.effect_constraints import NumberReport
 from hpcinv.solver.bordered_solver import BorderedSolver
+from hpcinv.solver.constraints import solved_borders
+from hpcinv.solver.constraints.remote_motions import RemoteMotion
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
 from hpcinv.trust.certificate.stability_check import STABILITY
@@ -32,6 +35,13 @@ REMOTE_LOAD = topic(
     computed="forces and moments that are left, over the forces on the region",
     thresholds="above 1e-8; above 1e-5",
 )
+NUMBER = topic(
+    "constraint of '…', relative to its terms",
+    "How well the number that was found meets the constraint of an effect.",
+    "Lower solver.tolerance.",
+    computed="the constraint of an effect of a [plugin](../how-to/extend.md), over the sum of its terms' sizes",
+    thresholds="above 1e-8; above 1e-5",
+)
 STABLE_MOTIONS = topic(
     "stability of remote loads: unstable motions",
     STABILITY.meaning,
@@ -43,7 +53,7 @@ STABLE_MOTIONS = topic(
 
 
 class UnknownLoadCheck(Check):
-    """Check the equation of each cavity of unknown pressure and of each remote load."""
+    """Check the equations of each cavity of unknown pressure, remote load, and number of an effect that was found."""
 
     name, order = "unknown loads", 40
 
@@ -57,6 +67,9 @@ class UnknownLoadCheck(Check):
         for load in run.solution.remote_loads:
             note = f"turned by {np.degrees(load.motion.rotate):.4g}°, moved by {load.moved}"
             yield upper_bound_line(REMOTE_LOAD.placed(load.region), load.residual, _WARN, _FAIL, note=note)
+        for found in of_kind(run.solution.constraints, NumberReport):
+            note = f"{found.key} {found.value:.6g} (SI)"
+            yield upper_bound_line(NUMBER.placed(found.effect), found.residual, _WARN, _FAIL, note=note)
 
 
 class RemoteLoadStabilityCheck(Check):
@@ -75,11 +88,14 @@ class RemoteLoadStabilityCheck(Check):
     def lines(self, run: CheckedRun) -> Iterator[Line]:
         equations, solution, forward = run.equations, run.solution, run.forward
         with forward.tangent() as equilibrium:
-            motions = solved_motions(equations, solution, equilibrium.system)
+            borders = solved_borders(solution.job, solution.constraints, equations, equilibrium.system)
+            motions = [border for border in borders if isinstance(border, RemoteMotion)]
             bordered = BorderedSolver(equilibrium.system, equilibrium.linear, motions)
             is_solved = bordered.linearise(1.0)
             stiffness = bordered.condensed
             bordered.destroy()
+            for border in borders:
+                border.destroy()
         if not is_solved:
             yield skipped(STABLE_MOTIONS, "the tangent could not be factorized")
             return

@@ -265,10 +265,10 @@ def _changes(
             equations.supports.free(x.array)
             b.axpy(-1.0, x)
             by_parameter = by_parameter + by_mesh
-        pressures = numbers.solve(b, by_parameter, x)
+        found = numbers.solve(b, by_parameter, x)
         system.set_state(x)
         u, p = equations.state().fields
-        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference, pressures)
+        changes[parameter.key] = Change(direction, u, equations.unknowns.geometry_values(u), p, reference, found)
         system.set_state(position)
     numbers.destroy()
     for vector in (position, b, x):
@@ -305,7 +305,7 @@ def _explicit(
     with equations.timings("residual"):
         derivative.assemble(direction, b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        by_parameter = numbers.force_rates(b.array)
+        by_parameter = numbers.rates(parameter) + numbers.force_rates(b.array)
         equations.supports.free(b.array)
         b.scale(-1.0)
     return direction, by_parameter

@@ -1,4 +1,4 @@
-"""Derivatives of unknown pressures of cavities and of unknown motions, which follow a parameter with the state.
+"""Derivatives of unknown numbers of loads and supports, which follow a parameter with the state.
 
 With their equations ``C(x, q; θ) = 0``, state and numbers follow a parameter θ as
 
@@ -7,21 +7,15 @@ With their equations ``C(x, q; θ) = 0``, state and numbers follow a parameter �
 which is solved with the factors of K (`hpcinv.solver.bordered_solver`).
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.errors import SolveError
-from hpcinv.job.cavities import Cavity
-from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
-from hpcinv.job.states import StateSpec
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
-from hpcinv.results.unknown_numbers import solved_cavities, solved_motions
 from hpcinv.solver.bordered_solver import BorderedSolver
-from hpcinv.solver.cavity_border import CavityBorder
+from hpcinv.solver.constraints import solved_borders
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 
@@ -37,17 +31,14 @@ class FollowedNumbers:
     """
 
     def __init__(self, equations: Equations, solution: Solution, equilibrium: Equilibrium) -> None:
-        self._equations, self._solution, self._system = equations, solution, equilibrium.system
-        self._motions = solved_motions(equations, solution, self._system)
-        self._cavities = solved_cavities(equations, solution, self._system.weak_form)
-        self._pressures = CavityBorder(self._system, self._cavities) if self._cavities else None
-        self._borders = [*self._motions, *([self._pressures] if self._pressures else [])]
+        self._solution = solution
+        self._borders = solved_borders(solution.job, solution.constraints, equations, equilibrium.system)
         self.count = sum(border.count for border in self._borders)
         self._bordered = BorderedSolver(equilibrium.system, equilibrium.linear, self._borders)
         if not self._bordered.linearise(1.0):
             raise _singular()
 
-    def solve(self, b: PETSc.Vec, by_parameter: Floats, x: PETSc.Vec) -> Mapping[str, float]:
+    def solve(self, b: PETSc.Vec, by_parameter: Floats, x: PETSc.Vec) -> Floats:
         """Set ``x`` to the derivative of the state by a parameter.
 
         Args:
@@ -55,7 +46,7 @@ class FollowedNumbers:
             by_parameter: ``∂C/∂θ``.
 
         Returns:
-            Derivatives of the unknown pressures (Pa) by the names of the cavities.
+            Derivatives (SI) of the unknown numbers, as the reports of the solution have them.
 
         Raises:
             SolveError: on all ranks, if the tangent is singular.
@@ -66,26 +57,12 @@ class FollowedNumbers:
             change = None
         if change is None:
             raise _singular()
-        stress, first = self._equations.scales.stress, self.count - len(self._cavities)
-        return {cavity.name: -float(dq) * stress for cavity, dq in zip(self._cavities, change[first:], strict=True)}
+        return -change * np.concatenate([np.zeros(0), *(border.units for border in self._borders)])
 
     def rates(self, parameter: Parameter) -> Floats:
-        """Return the explicit derivatives of C by a number of a cavity or a remote load, zero for other parameters."""
-        owner, place, job = parameter.owner, parameter.place, self._solution.job
-        parts = [np.zeros(border.count) for border in self._borders]
-        if isinstance(owner, Support) and place[0] == "remote" and parameter.where in job.owners:
-            key, axis = str(place[1]), int(place[2])
-            for number, report in enumerate(self._solution.remote_loads):
-                if parameter.where == f"{job.place('supports')}[{report.support}]":
-                    parts[number] = self._motions[number].number_rates(key, axis)
-        if self._cavities and isinstance(owner, Cavity):
-            parts[-1] = self._cavity_rates(parameter.where.removeprefix("cavities."), parameter)
-        if self._cavities and isinstance(owner, StateSpec) and owner.name == job.state:
-            parts[-1] = self._cavity_rates(str(place[1]), parameter)
-        return np.concatenate([np.zeros(0), *parts])
-
-    def _cavity_rates(self, name: str, parameter: Parameter) -> Floats:
-        return np.array([c.number_rate(parameter.place) if c.name == name else 0.0 for c in self._cavities])
+        """Return the explicit derivatives of C by a number of the job, zero for parameters that it does not have."""
+        job = self._solution.job
+        return np.concatenate([np.zeros(0), *(border.rates(parameter, job) for border in self._borders)])
 
     def force_rates(self, rates: Floats) -> Floats:
         """Return the derivatives of C along rates of the nodal forces (scaled) of the owned unknowns."""
@@ -93,15 +70,13 @@ class FollowedNumbers:
 
     def equations(self) -> Floats:
         """Return C on the mesh as it lies, where motions of regions do not change."""
-        motions = [motion.equations(1.0) for motion in self._motions]
-        cavities = solved_cavities(self._equations, self._solution, self._system.weak_form)
-        return np.concatenate([*motions, np.array([cavity.evaluate(1.0)[0] for cavity in cavities])])
+        return np.concatenate([np.zeros(0), *(border.equations_on_mesh(1.0) for border in self._borders)])
 
     def destroy(self) -> None:
         """Free PETSc objects."""
         self._bordered.destroy()
-        if self._pressures is not None:
-            self._pressures.destroy()
+        for border in self._borders:
+            border.destroy()
 
 
 def _singular() -> SolveError:

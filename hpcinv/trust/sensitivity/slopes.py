@@ -15,9 +15,8 @@ which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityValue
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
+from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.state import State
 from hpcinv.results.quantities_of_interest import carried, fields_for, values_of
@@ -73,8 +73,8 @@ class ReferenceChange:
 class Change:
     """Derivatives by one parameter (SI): of the weak form's parameters (scaled), displacement (m) and pressure (Pa).
 
-    ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states; ``cavities``
-    are the derivatives of unknown pressures (Pa) by the names of cavities.
+    ``u`` is the displacement's at the local geometry nodes, (n, 3); ``reference`` is for further states; ``numbers``
+    are the derivatives (SI) of numbers that the solve found, in the order of the solution's reports.
     """
 
     direction: ParameterDirection
@@ -82,7 +82,7 @@ class Change:
     u: Floats
     pressure: fem.Function | None
     reference: ReferenceChange | None = None
-    cavities: Mapping[str, float] = MappingProxyType({})
+    numbers: Floats = field(default_factory=lambda: np.zeros(0))
 
 
 def slopes(
@@ -107,9 +107,7 @@ def slopes(
             u=solution.u + shift * change.u,
             displacement=_moved(solution.displacement, change.displacement, shift),
             pressure=_moved(solution.pressure, change.pressure, shift),
-            cavities=tuple(
-                replace(c, pressure=c.pressure + shift * change.cavities[c.name]) for c in solution.cavities
-            ),
+            constraints=tuple(_reports(solution, shift * change.numbers)),
         )
         equations.put(moved)
         with weak_form.parameters.moved(change.direction, shift):
@@ -135,6 +133,14 @@ def slopes(
                 slope = np.where(agree, slope, short)
             key_slopes[parameter.key] = slope.tolist()
     return derivatives
+
+
+def _reports(solution: Solution, step: Floats) -> Iterator[ConstraintReport]:
+    """Yield the reports of unknown numbers of a solution, which are a step further."""
+    first = 0
+    for report in solution.constraints:
+        yield report.shifted(step[first : first + report.count].tolist())
+        first += report.count
 
 
 def _moved(function: fem.Function | None, rate: fem.Function | None, step: float) -> Any:

@@ -9,28 +9,39 @@ That is the principle of virtual work for rigid virtual motions of the loaded re
 displacement of the reference point, the moment on the spin.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.job.job import Job
 from hpcinv.job.remote_load import RemoteLoad
+from hpcinv.job.sections import Support
+from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
+from hpcinv.model.constraint_report import ConstraintReport
+from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.solver.border import Border
 
 
-class RemoteBorder(Border):
+class RemoteMotion(Border):
     """Motion of one region under a remote load, on the mesh as it lies; collective.
 
     Args:
         number: of the support in the job, which has this load or the motion that it causes.
     """
 
-    count = 6
+    count, order = 6, 0
+
+    @classmethod
+    def of_job(cls, job: Job, equations: DiscreteModel, system: System) -> Iterable[RemoteMotion]:
+        return [cls(system, *item, equations.scales) for item in job.remote_loads.items()]
 
     def __init__(self, system: System, number: int, spec: RemoteLoad, scales: Scales) -> None:
         self._system, self._number, self._spec, self._length = system, number, spec, scales.length
@@ -82,6 +93,12 @@ class RemoteBorder(Border):
     def force_rates(self, rates: Floats) -> Floats:
         return self._wrench(rates[self._face.dofs])
 
+    def rates(self, parameter: Parameter, job: Job) -> Floats:
+        place, is_own = parameter.place, parameter.where == f"{job.place('supports')}[{self._number}]"
+        if isinstance(parameter.owner, Support) and place[0] == "remote" and parameter.where in job.owners and is_own:
+            return self.number_rates(str(place[1]), int(place[2]))
+        return np.zeros(self.count)
+
     def number_rates(self, key: str, axis: int) -> Floats:
         """Return the derivative of C at full load by a number (SI) of the load, with the present motion of the region.
 
@@ -97,15 +114,14 @@ class RemoteBorder(Border):
             rates[place] = -1.0 / (self._unit if key == "force" else self._unit * self._length)
         return rates
 
-    def report(self, load: float) -> RemoteReport:
-        """Return the report of the present state."""
+    def reports(self, load: float) -> Sequence[ConstraintReport]:
         forces, arms = self._nodal_forces(load), self._face.arms(self._sign)
         missing = self._wrench(forces) - load * self._load
         sizes = [float(self._face.sum(np.linalg.norm(v, axis=1))) for v in (forces, np.cross(arms, forces))]
         parts = zip(np.split(missing, 2), sizes, strict=True)
         residual = max(float(np.linalg.norm(part)) / size if size else 0.0 for part, size in parts)
         motion = self._face.motion(self._sign, self._length)
-        return RemoteReport(self._face.region, self._number, self._spec, motion, residual)
+        return [RemoteReport(self._face.region, self._number, self._spec, motion, residual)]
 
     def _nodal_forces(self, load: float) -> Floats:
         return np.asarray(self._system.forces(load)[self._face.dofs])
