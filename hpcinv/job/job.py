@@ -318,12 +318,13 @@ class Job(Spec):
             first = places.stop
         raise KeyError(name)
 
-    def with_pressure(self, name: str, pressure: float) -> Job:
-        """Return the job with the pressure (Pa) of a cavity as a given one; cavities become such in their order."""
-        effects = list(self.effects)
-        for place in self.cavity_effects(name):
-            effects[place] = effects[place].model_copy(update={"pressure": pressure})
-        cavities = {**self.cavities, name: self.cavities[name].model_copy(update=dict.fromkeys(CONTROLS))}
+    def with_pressures(self, pressures: Mapping[str, float]) -> Job:
+        """Return the job with unknown pressures (Pa) of cavities as given ones; the first cavities come first."""
+        effects, cavities = list(self.effects), dict(self.cavities)
+        for name, pressure in pressures.items():
+            for place in self.cavity_effects(name):
+                effects[place] = effects[place].model_copy(update={"pressure": pressure})
+            cavities[name] = cavities[name].model_copy(update=dict.fromkeys(CONTROLS))
         return self.model_copy(update={"effects": tuple(effects), "cavities": cavities})
 
     @property

@@ -57,7 +57,7 @@ class CavityReport(ConstraintReport):
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "control"}
 
     def given_in(self, job: Job) -> Job:
-        return job.with_pressure(self.name, self.pressure)
+        return job.with_pressures({self.name: self.pressure})
 
     def posed_in(self, job: Job) -> Job:
         return job.model_copy(update={"cavities": {**job.cavities, self.name: self.control}})

@@ -19,7 +19,6 @@ from hpcinv.job.job import Job
 from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.parameters import ParameterDerivative, ParameterDirection
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.physics.points.kernels import JIT_OPTIONS
 
 
 @dataclass(frozen=True)
@@ -140,12 +139,12 @@ class EffectConstraint:
 
     @cached_property
     def _integral(self) -> fem.Form:
-        return fem.form(self._weighted, jit_options=JIT_OPTIONS)
+        return fem.form(self._weighted)
 
     @cached_property
     def _gradient(self) -> fem.Form:
         unknowns = self._weak_form.unknowns
-        return fem.form(ufl.derivative(self._form, unknowns.state, unknowns.test), jit_options=JIT_OPTIONS)
+        return fem.form(ufl.derivative(self._form, unknowns.state, unknowns.test))
 
     @cached_property
     def _parameter_derivative(self) -> ParameterDerivative:

@@ -88,7 +88,7 @@ def _costs(statistics: Mapping[str, Any]) -> list[str]:
 
 
 def _solutions(solutions: Sequence[Mapping[str, Any]], symbols: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines on each solution, and its contacts, cavities and remote loads."""
+    """Yield lines on each solution, its contacts, and what it found for loads and supports."""
     for solution in solutions:
         title = solution.get("state", solution["direction"])
         if solution["linear"] and solution["linear"]["fallback"]:
@@ -104,6 +104,8 @@ def _solutions(solutions: Sequence[Mapping[str, Any]], symbols: Mapping[str, str
         yield from (_contact(contact, symbols) for contact in solution["contacts"])
         yield from (_cavity(cavity, symbols) for cavity in solution.get("cavities", ()))
         yield from (_remote_load(load, symbols) for load in solution.get("remote_loads", ()))
+        for found in solution.get("constraints", ()):
+            yield f"  {found['effect']}: {found['key']} {found['value']:.6g} (SI)"
 
 
 def _quantities(statistics: Mapping[str, Any], symbols: Mapping[str, str]) -> Iterator[str]:

@@ -57,7 +57,8 @@ class FollowedNumbers:
             change = None
         if change is None:
             raise _singular()
-        return -change * np.concatenate([np.zeros(0), *(border.units for border in self._borders)])
+        units = np.concatenate([np.zeros(0), *(border.units for border in self._borders)])
+        return np.asarray(-change * units)
 
     def rates(self, parameter: Parameter) -> Floats:
         """Return the explicit derivatives of C by a number of the job, zero for parameters that it does not have."""
