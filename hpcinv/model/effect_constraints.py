@@ -129,7 +129,7 @@ class EffectConstraint:
 
     @cached_property
     def _weight(self) -> Any:
-        """A constant of each cell, by which C becomes a vector, which programs assemble."""
+        """A constant of each cell: with it C becomes a vector, which programs assemble."""
         return ufl.TestFunction(fem.functionspace(self._weak_form.unknowns.mesh, ("DG", 0)))
 
     @cached_property

@@ -24,7 +24,7 @@ def borders_of(job: Job, equations: DiscreteModel, system: System) -> list[Borde
 def solved_borders(
     job: Job, reports: Sequence[ConstraintReport], equations: DiscreteModel, system: System
 ) -> list[Border]:
-    """Return the unknown numbers of a solution at full load, in which the equations are; collective."""
+    """Return the unknown numbers of the equations' present state, a solution at full load; collective."""
     for report in reports:
         job = report.posed_in(job)
     if not reports:

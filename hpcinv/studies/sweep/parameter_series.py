@@ -91,8 +91,8 @@ def expanded(
     Raises:
         NotAnalytic: on all ranks, if there is no series; the message has the reason.
     """
-    if equations.job.controlled_cavities:
-        raise NotAnalytic("the pressure of a cavity is unknown, and numbers of a cavity are not entries of the forms")
+    if solution.constraints:
+        raise NotAnalytic(f"{solution.constraints[0].what} is unknown, and its equation has no series")
     equations.put(
         State(
             job=equations.job,
