@@ -271,11 +271,11 @@ def test_connected_cavities(comm: MPI.Intracomm) -> None:
     both = {"both": {"surface": ["large", "small"], "volume": 3.3}}
     for linear in ("direct", "iterative"):
         connected = with_two_holes(comm, "forward", cavities=both, solver={"linear": linear})
-        (cavity,) = solve_direction(connected, "forward", UNLOADED, SILENT).cavities
+        (cavity,) = solve_direction(connected, "forward", UNLOADED, SILENT).constraints
         assert sum(volumes(connected)) == pytest.approx(3.3, rel=1e-10)
     checkpoint = Start(solution=connected.state().fields, load=1.0)
     other_process = with_two_holes(comm, "forward", cavities=both)
-    (resumed,) = solve_direction(other_process, "forward", checkpoint, SILENT).cavities
+    (resumed,) = solve_direction(other_process, "forward", checkpoint, SILENT).constraints
     assert resumed.pressure == pytest.approx(cavity.pressure, rel=1e-10)
     pressures = [{"effect": "pressure", "region": n, "pressure": cavity.pressure} for n in ("large", "small")]
     pressed = with_two_holes(comm, "forward", effects=pressures)

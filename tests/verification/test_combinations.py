@@ -235,7 +235,7 @@ def test_a_guess_has_the_unknown_pressures(tmp_path: Path) -> None:
     solved = solve_direction(equations, "inverse", Start(guess=solution.as_guess()), SILENT)
     equations.destroy()
     assert [len(solve.iterations) for solve in solved.solves] == [1]
-    assert solved.cavities[0].pressure == pytest.approx(solution.cavities[0].pressure, rel=1e-8)
+    assert solved.constraints[0].pressure == pytest.approx(solution.cavities[0].pressure, rel=1e-8)
 
 
 def test_parts_of_the_table_are_all_known() -> None:
