@@ -25,14 +25,13 @@ from hpcinv.model.assembly.tangent import tangents_for
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.equilibrium_path import limited
 from hpcinv.solver.linear.cost_model import COARSER
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.methods import DirectMethod, solve_direction
+from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import NESTED, UNLOADED, Guess, Start
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.observer import IterationObserver, Observer, SolvedDirection
+from hpcinv.solver.observer import IterationObserver, Observer, SolvedDirection, SolveEvent
 from hpcinv.solver.workspace import collect_garbage
 
 _MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
@@ -133,44 +132,55 @@ def _coarse_solution(
     equations: Equations, direction: Direction, observer: Observer, note: Callable[[str], None]
 ) -> tuple[Guess | None, CoarseSolve]:
     """Return the solution on coarser cells as a guess, ``None`` if it cannot be one, and a report; collective."""
-    job, timings = equations.job, equations.timings
-    coarse_solve = CoarseSolve()
+    job, timings, watching = equations.job, equations.timings, _OnCoarserCells(observer, note)
+    report, coarse = CoarseSolve(), None
     try:
         with timings("coarser mesh"):
             body = coarser_body(
                 equations.body, job.mesh, job.regions, resolve=job.resolve, size_factor=COARSER, most=_MOST_CELLS
             )
         coarse = Equations(_coarse_job(job), body, timings)
-        coarse_solve = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
-        note(f"on cells {COARSER:g} times as large, {coarse_solve.cells} cells, {coarse_solve.unknowns} unknowns:")
-        method = DirectMethod(coarse, direction, IterationObserver(observer))
-    except MeshError as error:  # such a mesh may lack regions, or be inverted at a curved surface
-        return None, replace(coarse_solve, unused=error.message)
-    try:
-        for solve in limited(method.solves(), _EFFORT):
-            if solve.outcome is Outcome.STEP_LIMIT:  # the solve before it says what it tried
-                break
-            coarse_solve = replace(coarse_solve, solves=(*coarse_solve.solves, solve))
-            note(_line(solve))
-            if _is_interrupted(coarse, observer, (solve,)):
-                return None, replace(coarse_solve, unused=Outcome.INTERRUPTED.text)
-        if method.reached_load < 1.0:
-            return None, replace(
-                coarse_solve, unused=f"the load was not reached there: {coarse_solve.solves[-1].outcome.text}"
-            )
-        sign, fault = _sign(coarse_solve.solves, equations, coarse)
+        report = CoarseSolve(sum(body.partition.cells), coarse.unknowns.size)
+        note(f"on cells {COARSER:g} times as large, {report.cells} cells, {report.unknowns} unknowns:")
+        solved = solve_direction(coarse, direction, UNLOADED, watching)
+        report = replace(report, solves=tuple(watching.solves))
+        if solved.stopped and not watching.is_spent:
+            return None, replace(report, unused=Outcome.INTERRUPTED.text)
+        if solved.load < 1.0:
+            return None, replace(report, unused=f"the load was not reached there: {report.solves[-1].outcome.text}")
+        sign, fault = _sign(report.solves, equations, coarse)
         if not fault:
             with timings("transfer"):
                 guess = _transferred(coarse, equations, direction, sign)
             if guess is not None:
-                return guess, coarse_solve
+                return guess, report
             fault = "the given mesh has points that are too far outside the coarser one"
-        return None, replace(coarse_solve, unused=fault)
-    except MeshError as error:  # an obstacle may be elsewhere
-        return None, replace(coarse_solve, unused=error.message)
+        return None, replace(report, unused=fault)
+    except MeshError as error:  # such a mesh may lack regions, be inverted at a curved surface, or touch an obstacle
+        return None, replace(report, unused=error.message)
     finally:
-        method.equilibrium.destroy()
-        coarse.destroy()
+        if coarse is not None:
+            coarse.destroy()
+
+
+class _OnCoarserCells(IterationObserver):
+    """Observer that notes each solve, and ends the path after more factorizations than it is worth (`_EFFORT`)."""
+
+    def __init__(self, observer: Observer, note: Callable[[str], None]) -> None:
+        super().__init__(observer)
+        self.solves: list[Solve] = []
+        self._note = note
+
+    def solved(self, event: SolveEvent) -> None:
+        self.solves.append(event.solve)
+        self._note(_line(event.solve))
+
+    @property
+    def is_spent(self) -> bool:
+        return sum(solve.factorizations for solve in self.solves) > _EFFORT
+
+    def stop_asked(self) -> bool:
+        return super().stop_asked() or self.is_spent
 
 
 def _coarse_job(job: Job) -> Job:
