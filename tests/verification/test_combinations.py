@@ -238,6 +238,18 @@ def test_a_guess_has_the_unknown_pressures(tmp_path: Path) -> None:
     assert solved.constraints[0].pressure == pytest.approx(solution.cavities[0].pressure, rel=1e-8)
 
 
+@pytest.mark.parametrize("unknown", ["unknown pressures", "remote loads"])
+def test_a_damped_line_search_finds_unknown_numbers(unknown: str, tmp_path: Path) -> None:
+    data = made(unknown, directory=tmp_path)
+    options = {"petsc": {"snes_linesearch_damping": 0.7}, "tolerance": 1e-8, "maximum_iterations": 60}
+    exact, damped = (
+        hpcinv.run(job(**data | {"solver": data["solver"] | changes}), MPI.COMM_SELF).solutions[0]
+        for changes in ({}, options)
+    )
+    assert len(damped.solves[0].iterations) > 10
+    assert np.abs(damped.u - exact.u).max() < 1e-7 * np.abs(exact.u).max()
+
+
 def test_parts_of_the_table_are_all_known() -> None:
     named = set(REFUSED) | {other for row in REFUSED.values() for other in row}
     assert named <= set(PARTS)
