@@ -10,6 +10,7 @@ from typing import Any
 from hpcinv.errors import SystemPartMissing
 
 FUNCTIONS = {
+    "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
     "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
     "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",

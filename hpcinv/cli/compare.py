@@ -74,7 +74,7 @@ def _compare(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.to}: a surface with distances ends in .vtp", "Name it *.vtp.")
     check_one_process("compare")
     from hpcinv.geometry.workshop.comparison import surface_in
-    from hpcinv.results.surface_comparison import compare
+    from hpcinv.geometry.workshop.surface_comparison import compare
 
     first, second = (surface_in(path, unit, options.shape, options.label) for path in (options.one, options.other))
     align = None

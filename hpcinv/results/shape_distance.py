@@ -118,13 +118,11 @@ def _surface_distance(
     def compare_on_root() -> dict[str, float]:
         import pyvista  # takes a second
 
-        from hpcinv.results.surface_comparison import compare
-
         assert recovered is not None
         assert surface is not None
         cut = recovered.cut(1 if recovered.degree == 1 else _SIDES, np.arange(len(recovered.nodes)))
         polygons = pyvista.PolyData.from_regular_faces(cut.points, cut.corners)
-        compared = compare(polygons, surface, (polygons, surface) if align else None)
+        compared = on_demand("comparison of surfaces")(polygons, surface, (polygons, surface) if align else None)
         largest = max(compared.first.largest, compared.second.largest)
         return {
             "max": largest,

@@ -14,6 +14,7 @@ from helpers.command_line import COLUMN, command, environment, write_job
 
 from hpcinv.base.parallel.imports import imports_explained
 from hpcinv.base.parallel.runtime import DOLFINX
+from hpcinv.errors import SystemPartMissing
 from hpcinv.version import __version__
 
 ROOT = Path(__file__).parents[2]
@@ -108,6 +109,28 @@ def test_the_page_names_every_package_that_a_site_lacks() -> None:
     line = re.search(r"--no-deps \. && pip install (.*)", (ROOT / "docs" / "start" / "installing.md").read_text())
     assert line
     assert set(line[1].split()) == {name.split("==")[0] for name in needed} - OF_THE_SITE
+
+
+def test_all_extras_are_one_and_installed_by_the_first_command() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"]
+    (everything,) = extras["all"]
+    assert everything == f"hpcinv[{','.join(sorted(extras.keys() - {'all', 'checkpoints'}))}]"
+    assert "hpcinv[all,checkpoints]" in project["dependency-groups"]["dev"]
+
+
+@pytest.mark.parametrize("module", ["vtkmodules.util", "pyvista"])
+def test_a_missing_extra_is_one_message_with_its_command(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    packages, extras = ("pyvista==0.49.1", "vtk==9.7.2"), ("all", "vtk")
+    lines = [f"{package}; extra == '{extra}'" for package in packages for extra in extras]
+    lines += ["numpy==2.4.6", "lib3mf==2.5.0; extra == 'all'"]
+    monkeypatch.setattr("hpcinv.base.parallel.imports.metadata.requires", lambda name: lines)
+    with pytest.raises(SystemPartMissing) as caught, imports_explained():
+        raise ModuleNotFoundError(f"No module named '{module}'", name=module)
+    package = module.partition(".")[0]
+    assert caught.value.message == f"{package} cannot be imported: No module named '{module}'"
+    assert caught.value.advice == "Install it by: pip install 'hpcinv[vtk]'"
+    assert caught.value.exit_code == 5
 
 
 def test_dependencies_can_be_installed_by_pip_alone() -> None:

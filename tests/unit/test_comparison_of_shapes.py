@@ -15,9 +15,9 @@ from helpers.command_line import environment
 
 from hpcinv.__main__ import main
 from hpcinv.geometry.workshop.comparison import surface_in
+from hpcinv.geometry.workshop.surface_comparison import compare
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
-from hpcinv.results.surface_comparison import compare
 
 pytestmark = pytest.mark.usefixtures("warm_reader")
 

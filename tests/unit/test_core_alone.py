@@ -1,15 +1,18 @@
-"""The core without the packages that plug into it."""
+"""The core without the packages that plug into it, and without the extras."""
 
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 from helpers.command_line import ROOT, environment
 
-CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONTRACTS = PROJECT["tool"]["importlinter"]["contracts"]
 (CONTRACT,) = (contract for contract in CONTRACTS if contract["type"] == "forbidden")
+EXTRAS = PROJECT["project"]["optional-dependencies"]
 IMPORT_ALL = """
 import importlib, sys
 import hpcinv.base.parallel.runtime
@@ -24,6 +27,16 @@ def modules_of(package: str) -> list[str]:
     files = sorted(place.rglob("*.py")) or [place.with_suffix(".py")]
     names = [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files]
     return [name.removesuffix(".__init__") for name in names if not name.endswith("isolated_reader")]
+
+
+def modules_of_extras() -> set[str]:
+    """Return the names of the modules that extras other than ``checkpoints`` install."""
+    lines = [line for extra, lines in EXTRAS.items() if extra != "checkpoints" for line in lines]
+    needed = {line.partition("==")[0] for line in lines}
+    owners = packages_distributions()
+    names = {module for module in owners if needed.intersection(map(str.lower, owners[module]))}
+    assert {"SimpleITK", "matplotlib", "pyvista", "vtkmodules"} <= names
+    return {name for name in names if name.isidentifier()}
 
 
 @pytest.fixture
@@ -52,7 +65,10 @@ def test_every_module_of_the_core_is_imported_without_what_plugs_in(core: Path) 
     assert done.returncode == 0, done.stderr
 
 
-def test_the_core_alone_solves_a_job(core: Path) -> None:
+def test_the_core_alone_solves_a_job_without_extras(core: Path) -> None:
+    for name in modules_of_extras():
+        error = f"ModuleNotFoundError(\"No module named '{name}'\", name='{name}')"
+        (core / f"{name}.py").write_text(f"raise {error}")
     text = (ROOT / "jobs" / "single-tetrahedron.yaml").read_text()
     mesh = (ROOT / "meshes" / "single_tetrahedron.msh").as_posix()
     job = core / "job.yaml"

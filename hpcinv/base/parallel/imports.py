@@ -2,10 +2,13 @@
 
 import gc
 import os
+import re
 import sys
 import traceback
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import metadata
 
 from hpcinv.errors import SystemPartMissing
 
@@ -23,7 +26,9 @@ def imports_explained() -> Iterator[None]:
             raise
         raise SystemPartMissing(
             f"{name} cannot be imported: {error}",
-            f"Install hpcinv in {sys.executable}, or use its own Python (docs/start/installing.md).",
+            f"Install it by: pip install 'hpcinv[{extra}]'"
+            if (extra := extra_with(name))
+            else f"Install hpcinv in {sys.executable}, or use its own Python (docs/start/installing.md).",
         ) from error
 
 
@@ -66,6 +71,20 @@ def _package(error: ImportError) -> str:
         name = next((module for module in reversed(names) if _top(module) not in sys.stdlib_module_names), "")
     top = _top(name)
     return "" if top in {"", "__main__", "hpcinv"} or top in sys.stdlib_module_names else top
+
+
+def extra_with(package: str) -> str:
+    """Return the smallest extra of hpcinv that installs a package; empty if none does, or hpcinv is not installed."""
+    name = {"vtkmodules": "vtk"}.get(package, package).lower()
+    try:
+        requirements = metadata.requires("hpcinv") or []
+    except metadata.PackageNotFoundError:
+        return ""
+    extras = defaultdict[str, set[str]](set)
+    for line in requirements:
+        if match := re.fullmatch(r"([\w-]+)\b[^;]*;\s*extra\s*==\s*['\"]([\w-]+)['\"]", line):
+            extras[match[2]].add(match[1].lower())
+    return min((extra for extra in extras if name in extras[extra]), key=lambda extra: len(extras[extra]), default="")
 
 
 def _top(name: str) -> str:

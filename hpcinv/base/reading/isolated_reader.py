@@ -188,6 +188,8 @@ def main(action: str, name: str, memory: str, seconds: str) -> None:
         head = {"fault": [f"{name}{refused.text}", "", False]}
     except Fault as fault:
         head = {"fault": [shown(fault.text, _LONGEST), fault.advice, isinstance(fault, PackageMissing)]}
+    except ModuleNotFoundError as error:
+        head = {"fault": [f"cannot be read: {error}", "Install it by: pip install 'hpcinv[vtk]'", True]}
     except OverflowError:
         head = {"fault": ["has a number of a node or element beyond 64 bits", "Is the file complete?", False]}
     except MemoryError:
