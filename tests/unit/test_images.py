@@ -288,10 +288,10 @@ def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
 
 def test_smaller_sizes_make_more_cells_of_a_lattice(tmp_path: Path) -> None:
     """Halves that meet along a circle on the outside."""
-    points = grid(30) - 0.2
-    labels = np.where(points[..., 0] < 0, 1, 2) * (np.linalg.norm(points, axis=-1) < 12)
+    points = grid(20) - 0.2
+    labels = np.where(points[..., 0] < 0, 1, 2) * (np.linalg.norm(points, axis=-1) < 8)
     image = written(tmp_path / "image.nii.gz", labels.astype(np.uint8), (5, 5, 5))
-    counts = [len(meshed(image, labels={"one": 1, "two": 2}, size=f"{size} mm").cells) for size in (40, 30)]
+    counts = [len(meshed(image, labels={"one": 1, "two": 2}, size=f"{size} mm").cells) for size in (36, 28)]
     assert counts == sorted(set(counts))
 
 

@@ -21,8 +21,8 @@ from ufl.corealg.traversal import unique_post_traversal
 
 type _Derive = Callable[[Any, Variable], Any]
 
-_MOST = 200
-"""scalars whose gradients are kept, 0.1 to 1 MB each"""
+_MOST = 32
+"""scalars whose gradients are kept, about 0.5 MB each; each collection of garbage takes 1 ms longer for each of them"""
 _FIRST = -1_000_000_000
 """first number of a symbol, index or label in a kept scalar: UFL's running numbers are never negative"""
 _kept: OrderedDict[tuple[Any, Variable], Any] = OrderedDict()
