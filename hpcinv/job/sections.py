@@ -45,6 +45,7 @@ from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.job.body_kinds import SHELL, SOLID, BodyKind
 from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.job.remote_load import RemoteLoad
@@ -561,6 +562,11 @@ class MeshSpec(MeshFile):
         yield from self._faults_of_vessel()
         if self._is_meshed and self.size is None and self.shell is None:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
+
+    @property
+    def kind(self) -> BodyKind:
+        """Kind of the body."""
+        return SOLID if self.shell is None else SHELL
 
     @property
     def _is_meshed(self) -> bool:

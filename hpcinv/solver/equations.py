@@ -89,9 +89,9 @@ class Equations(DiscreteModel):
         """The rule by which the linear solver is chosen; collective at the first access."""
         if self._like is not None:
             return self._like.chooser
-        degree, is_shell = self.job.discretisation.displacement, self.job.mesh.shell is not None
+        degree, against = self.job.discretisation.displacement, self.job.mesh.kind.against_multigrid
         stiffness = max(law.stiffness_ratio or 1.0 for law in self.job.laws.values())
-        return Chooser(self.unknowns, degree, is_shell=is_shell, stiffness=stiffness)
+        return Chooser(self.unknowns, degree, against_multigrid=against, stiffness=stiffness)
 
     def equilibrium(self, weak_form: WeakForm, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a weak form with the solver of the job."""

@@ -20,10 +20,6 @@ from hpcinv.model.rigid_motions import Frame, rounded_direction
 from hpcinv.solver.bordering import Bordering
 from hpcinv.solver.equilibrium import Equilibrium
 
-_RIGID = 0.5
-"""Share of a motion (of its squares) from which it is called rigid; higher, and less firm supports are not named."""
-_RIGID_SHEET = 0.9
-"""`_RIGID` of shells: a square that is hinged at its edges and bends has 0.66."""
 _FAR = 0.1
 """Largest displacement, in lengths of the body, below which the supports are not blamed."""
 _SMALL = 1e-4
@@ -64,11 +60,11 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     text = f"to first order the load moves the body by {readable(largest * body.length_scale, 'm')}"
     lines = [f"After {failures} failed steps: {text}, most at ({place}) m"]
     share, free = _rigid_part(comm, moved, motion, body.length_scale) if largest > _FAR else (0.0, "")
-    if share > (_RIGID if job.mesh.shell is None else _RIGID_SHEET):
+    if share > job.mesh.kind.rigid_share:
         lines[0] += f"; {share:.0%} of it is rigid: it is nearly free to {free}"
         held = ", ".join(_supports(job, body)) or "none but springs"
         lines.append(f"supports: {held}. Hold a larger part of it, or add springs (elastic-foundation)")
-    elif job.mesh.shell is not None and largest > 1.0:
+    elif job.mesh.kind.is_slack and largest > 1.0:
         first = f"{_SMALL / largest:.0e}, minimum_step: {1e-4 * _SMALL / largest:.0e}"
         lines.append(f"A sheet hardly resists across itself before it is tense: solver: {{initial_step: {first}}}")
     if system.weak_form.kinematics.direction == "inverse" and (names := list(_unknown_position_formulas(job))):

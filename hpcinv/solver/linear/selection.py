@@ -100,8 +100,8 @@ class Chooser:
         room: memory (bytes) of all ranks for it.
     """
 
-    def __init__(self, unknowns: Unknowns, degree: int, *, is_shell: bool = False, stiffness: float = 1.0) -> None:
-        self._is_shell = is_shell
+    def __init__(self, unknowns: Unknowns, degree: int, *, against_multigrid: str = "", stiffness: float = 1.0) -> None:
+        self._against_multigrid = against_multigrid
         has_hexahedra = unknowns.mesh.topology.cell_type.name == "hexahedron"
         shape, is_mixed = shape_of(unknowns), unknowns.p is not None
         self.forecast = Forecast(unknowns.size, degree, shape, is_mixed, has_hexahedra, stiffness)
@@ -141,7 +141,7 @@ class Chooser:
             or self._own(solver)
             or not self.can_factorize
             or self._is_analysed
-            or self._is_shell
+            or self._against_multigrid
             or self.forecast.shape.is_solid
             or self._flat_share >= _FLAT_SHARE
         ):
@@ -227,8 +227,8 @@ class Chooser:
     def _choose(self, solver: Solver) -> Choice:
         if solver.linear != "auto":
             return Choice(solver.linear, "the job asks for it")
-        if self._is_shell:
-            return Choice("direct", "the cells of a shell are too thin for multigrid")
+        if self._against_multigrid:
+            return Choice("direct", self._against_multigrid)
         fallback = "direct" if self.can_factorize else None
         if not self.can_factorize:
             return Choice(

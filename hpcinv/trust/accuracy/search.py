@@ -24,15 +24,11 @@ from hpcinv.trust.accuracy.meshes import Meshes, Variant
 from hpcinv.trust.accuracy.moving_regions import cut_regions, facet_shares, moved
 from hpcinv.trust.accuracy.refinement_forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.trust.accuracy.trial import Trial, attempt
-from hpcinv.trust.certificate.discretisation_error import one_degree_more
+from hpcinv.trust.certificate.finer_solid import one_degree_more
 from hpcinv.trust.certificate.singular_edges import singular_edges
 from hpcinv.trust.certificate.volume import WARN, unexplained_strain
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
-FILL = {3: 4 / 3, 2: 1.2}
-"""Exponents of the entries of factors by unknowns, of solids and shells: O(N^(4/3)) and O(N log N) by nested
-dissection (George 1973, doi:10.1137/0710032). Analyses of sheets by MUMPS with METIS have 1.21 from 10,000 to 38,000
-unknowns and 1.15 to 150,000. Lowered, a mesh may take more memory than there is."""
 LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a prediction
 MOST_STEPS = 15
 MOST_TRIES = 5  # meshes that are made to find one within the limit of unknowns; more take longer to find none
@@ -48,7 +44,7 @@ class RefinementMemory:
     """Memory of all ranks that a run has used so far, as a limit of the number of unknowns; collective.
 
     Args:
-        fill: exponent of the memory by unknowns, of `FILL`.
+        fill: exponent of the memory by unknowns, as in `BodyKind`.
     """
 
     def __init__(self, comm: MPI.Intracomm, fill: float) -> None:
@@ -81,11 +77,11 @@ class Search:
     ) -> None:
         self.job, self.comm, self.timings = job, comm, timings
         self.note, self.observer = note, observer
-        self.memory = RefinementMemory(comm, FILL[2 if job.mesh.shell is not None else 3])
+        self.memory = RefinementMemory(comm, job.mesh.kind.fill)
         self.meshes = Meshes(job, comm)
         self.unseen_order: float | None = None
         degree = job.discretisation.displacement
-        self.highest = degree if job.mesh.shell is not None else max(HIGHEST_DEGREE, degree)
+        self.highest = max(HIGHEST_DEGREE, degree) if job.mesh.kind.raises_degree else degree
         self.last: Trial | None = None
         self.findings: list[Finding] = []
         self.assessments: list[Assessment] = []

@@ -81,22 +81,22 @@ def attempt(
     equations.destroy()  # their factors: the next mesh needs the memory
     _check_finite(job, quantities, estimated_error.corrected if estimated_error else {})
     degree, count = job.discretisation.displacement, sum(s.factorizations for s in solves)
-    cells, is_shell = sum(body.partition.cells), body.source.midsurface is not None
+    cells, kind = sum(body.partition.cells), job.mesh.kind
     step = Step(
         cell=body.source.kind,
         size=variant.size,
         cells=cells,
         solve=Work(degree, cells, equations.unknowns.size, count, solved["tangent"], solved["factorization"]),
         estimate=Work(
-            degree if is_shell else degree + 1,
-            4 * cells if is_shell else cells,
+            degree + 1 if kind.raises_degree else degree,
+            cells if kind.raises_degree else 2**kind.dimension * cells,
             estimated_error.unknowns if estimated_error else 0,
             estimated_error.tangents if estimated_error else 1,
             estimated["tangent"],
             estimated["factorization"],
         ),
         programs=solved["programs"] + estimated["programs"],
-        dimension=2 if is_shell else 3,
+        dimension=kind.dimension,
     )
     return Trial(job, variant, body, equations, solution, quantities, estimated_error, step, observed.unused_options)
 

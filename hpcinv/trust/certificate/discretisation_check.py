@@ -9,11 +9,9 @@ from math import isfinite
 from hpcinv.base.quantity.units import readable
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate import halved_cells
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.discretisation_error import LINEAR, Estimate, estimate, finer_forecast
-from hpcinv.trust.certificate.two_level import MANY
+from hpcinv.trust.certificate.discretisation_error import FINER, LINEAR, Estimate, estimate
 
 DISCRETISATION = topic(
     "discretisation error of the shape, relative to the displacement",
@@ -52,12 +50,9 @@ class DiscretisationCheck(Check):
 
 def _lack(equations: Equations) -> str:
     """Return why memory does not suffice for an estimate."""
-    forecast, tried = finer_forecast(equations), ""
-    if equations.job.mesh.shell is not None:
-        tried = f" {halved_cells.DESCRIPTION}"
-    elif forecast.operations > MANY:
-        tried = ", and iterations do not find it"
-    return f"there is no memory for {forecast.least / 1e9:.2g} GB{tried}"
+    finer = FINER[equations.job.mesh.kind]
+    forecast = finer.forecast(equations)
+    return f"there is no memory for {forecast.least / 1e9:.2g} GB{finer.attempts(forecast)}"
 
 
 def _line(estimated: Estimate, scale: float, scale_note: str, deviation: float) -> Line:

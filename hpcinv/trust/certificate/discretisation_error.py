@@ -13,8 +13,8 @@ estimate leaves that error out, and says so.
 
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
 that a certificate fails for an error that was found, and not for one that was extrapolated. That solve ends where it
-takes more than a share of the time of the solve; the line is then not decided. Shells have another finer problem,
-which is always solved (`hpcinv.trust.certificate.halved_cells`).
+takes more than a share of the time of the solve; the line is then not decided. Each kind of body has its
+finer problem (`hpcinv.trust.certificate.finer_problem`); shells are always solved.
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
 (`hpcinv.trust.certificate.singular_limit`).
@@ -33,7 +33,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -43,60 +42,31 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.job import Job
+from hpcinv.job.body_kinds import SHELL, SOLID, BodyKind
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.job.state_differences import parts, with_differences
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
-from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.location import Point, cells_at, locate, position
-from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
-from hpcinv.model.state import State
 from hpcinv.physics.effects import Direction
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.linear.cost_model import Forecast
-from hpcinv.solver.methods import solve_direction
-from hpcinv.solver.methods.method import UNLOADED
-from hpcinv.solver.newton import NewtonIteration
-from hpcinv.solver.observer import SILENT, IterationObserver, Observer, SolveEvent, stop_if_asked
-from hpcinv.trust.certificate import halved_cells, two_level
-from hpcinv.trust.certificate.extension import extend
-from hpcinv.trust.certificate.layer_errors import LayerError, layer_errors
+from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
+from hpcinv.trust.certificate.finer_problem import Correction, FinerProblem
+from hpcinv.trust.certificate.finer_shell import FinerShell
+from hpcinv.trust.certificate.finer_solid import FinerSolid
+from hpcinv.trust.certificate.layer_errors import LayerError
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
 from hpcinv.trust.certificate.singular_limit import SingularLimit, singular_limit
 
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
 
-SHARE = 0.5
-"""Largest forecast time of the finer solve, relative to the solve; larger decides more lines."""
-LEAST = 1.0
-"""Seconds that the finer solve may take in any case, since starting a run takes longer."""
-_OVERHEAD = 0.02  # seconds of an iteration in a body of few unknowns
-
-_SHELL_TANGENTS = 10
-"""Tangents that the finer solve of a shell may take in any case; raised, more lines are decided"""
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Correction of the rest shape by the estimate of the given state. Further states are solved on it.
-
-    Attributes:
-        nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
-        displacement: corrected displacement of the given state in the finer spaces, in m.
-        without_geometry: as in `Estimate`, of further states.
-        finer_nodes: of a shell: the corrected rest shape at the nodes of the finer problem, (m, 3) in m.
-    """
-
-    nodes: Floats
-    displacement: fem.Function
-    without_geometry: str
-    finer_nodes: Floats | None = None
+FINER: Mapping[BodyKind, type[FinerProblem]] = {SOLID: FinerSolid, SHELL: FinerShell}
+"""finer problem of each kind of body"""
 
 
 @dataclass(frozen=True)
@@ -129,7 +99,7 @@ class Estimate:
     unknowns: int
     limit: SingularLimit | None = None
     segments: Floats | None = None
-    finer: str = "in spaces of one degree more"
+    finer: str = FinerSolid.where
     tangents: int = 1
     is_solved: bool = False
     is_too_dear: bool = False
@@ -195,288 +165,46 @@ def estimate(
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
     quantities = tuple(q for q in solution.job.quantities if not q.is_reaction)
+    problem = FINER[equations.job.mesh.kind](equations, solution, rest_correction)
     if not solution.is_on_given_mesh:
-        quantities = carried(quantities, equations.body, _nodes(solution, rest_correction))
+        quantities = carried(quantities, equations.body, problem.nodes)
     current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes
     nodes = {"reference": solution.reference_nodes, "current": current}
     edges = singular_edges(solution.job, equations.body, nodes)
     unreliable = quantities_at_singular_fibres(solution.job.quantities, equations.body, edges)
     scale = displacement_scale(equations, solution).length
-    finer = finer_equations(equations, solution, rest_correction)
-    body, is_shell = finer.body, equations.body.source.midsurface is not None
+    finer = problem.equations
     start = finer.state().displacement
-    if is_shell:
-        result = _solve_shell(equations, solution, finer, rest_correction, observer)
-    else:
-        result = _solve_solid(equations, solution, finer, rest_correction, observer, LINEAR * scale)
-    if result is None:
+    found = problem.solve(observer, most=LINEAR * scale)
+    if found is None:
         return None
-    largest = result.largest
-    stop_if_asked(body.mesh.comm, observer)
-    has_values = bool(quantities) and isfinite(largest)
-    corrected = _corrected(quantities, equations, result.nodal, solution.direction, finer) if has_values else {}
-    displacement, delta = result.displacement.copy(), result.displacement
-    delta.x.array[:] -= start.x.array
-    if is_shell:  # indicators belong to the given cells
-        delta = halved_cells.nodal_function(equations.unknowns, result.nodal - solution.u)
-    indicators = _cell_indicators(delta, body.length_scale)
-    limit = None if edges is None else singular_limit(equations, edges, indicators, delta)
+    stop_if_asked(finer.body.mesh.comm, observer)
+    is_finite = isfinite(found.largest)
+    has_values = bool(quantities) and is_finite
+    corrected = _corrected(quantities, equations, found.nodal, solution.direction, finer) if has_values else {}
+    displacement, change = found.displacement.copy(), problem.change(found, start)
+    indicators = _cell_indicators(change, finer.body.length_scale)
+    limit = None if edges is None else singular_limit(equations, edges, indicators, change)
     # A correction as large as the displacement is not one of edges.
-    missed = limit.factor if limit and not result.is_solved else 1.0
+    missed = limit.factor if limit and not found.is_solved else 1.0
     corrected = {n: _extrapolated(computed[n], v, missed) for n, v in corrected.items() if n in computed}
     return Estimate(
         quantities={name: _difference(value, computed[name]) for name, value in corrected.items()},
         corrected=corrected,
-        shape=missed * largest,
+        shape=missed * found.largest,
         cells=indicators,
         limit=limit,
         segments=edges.segments if edges else None,
         unknowns=finer.unknowns.size,
-        finer=halved_cells.DESCRIPTION if is_shell else Estimate.finer,
-        tangents=result.tangents,
-        is_solved=result.is_solved,
-        is_too_dear=result.is_too_dear,
-        without_geometry=_finer_body(equations, solution, rest_correction)[1],
+        finer=problem.where,
+        tangents=found.tangents,
+        is_solved=found.is_solved,
+        is_too_dear=found.is_too_dear,
+        without_geometry=problem.without_geometry,
         unreliable=unreliable,
-        correction=_correction(equations, solution, finer, result.moved, displacement) if isfinite(largest) else None,
-        layer=layer_errors(equations, solution, quantities, computed) if is_shell else {},
+        correction=problem.correction(found.moved, displacement) if is_finite else None,
+        layer=problem.layer_errors(quantities, computed),
     )
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What the finer problem gave; displacements in m.
-
-    Attributes:
-        displacement: of the finer problem.
-        nodal: the same at the geometry nodes of the equations' body, (n, 3).
-        moved: correction of these nodes, (n, 3).
-        largest: length of the largest one, infinite if one is not finite.
-        is_solved, is_too_dear, tangents: as in `Estimate`.
-    """
-
-    displacement: fem.Function
-    nodal: Floats
-    moved: Floats
-    largest: float
-    is_solved: bool = False
-    is_too_dear: bool = False
-    tangents: int = 1
-
-
-def _solve_shell(
-    equations: Equations,
-    solution: Solution,
-    finer: Equations,
-    rest_correction: Correction | None,
-    observer: Observer,
-) -> _Found | None:
-    """Solve on halved cells; return ``None`` if there is no memory for it; collective."""
-    forecast = finer.chooser.forecast
-    if forecast.least > equations.chooser.room:
-        return None
-    budget = _Budget(observer, max(_SHELL_TANGENTS, _tangents_of_finer_solve(equations, solution, forecast)))
-    is_solved = halved_cells.solve(equations, solution, finer, budget)
-    stop_if_asked(finer.body.mesh.comm, observer)
-    result = replace(
-        _moved(equations, solution, finer, rest_correction), is_solved=is_solved, tangents=max(budget.used, 1)
-    )
-    return result if is_solved else replace(result, largest=np.inf)
-
-
-def _solve_solid(
-    equations: Equations,
-    solution: Solution,
-    finer: Equations,
-    rest_correction: Correction | None,
-    observer: Observer,
-    most: float,
-) -> _Found | None:
-    """Correct by one Newton step, or solve if that is more than ``most`` (m); ``None`` without memory; collective."""
-    forecast = finer_forecast(equations)
-    is_affordable = forecast.least <= equations.chooser.room
-    is_large = forecast.operations > two_level.MANY
-    if not (is_large and two_level.correct(equations, solution.direction, finer, observer)):
-        if not is_affordable:
-            return None
-        equilibrium = finer.equilibrium(finer.weak_form(solution.direction))
-        equilibrium.correct(1.0)
-        equilibrium.destroy()
-    result = _moved(equations, solution, finer, rest_correction)
-    if not is_affordable or result.largest <= most:
-        return result
-    corrected = finer.state()
-    budget = _Budget(observer, _tangents_of_finer_solve(equations, solution, forecast))
-    if not budget.is_spent and _solve(finer, solution.direction, budget):
-        return replace(_moved(equations, solution, finer, rest_correction), is_solved=True)
-    finer.put_fields(corrected.fields)
-    return replace(result, is_too_dear=budget.is_spent)
-
-
-def _correction(
-    equations: Equations, solution: Solution, finer: Equations, moved: Floats, displacement: fem.Function
-) -> Correction:
-    nodes = None
-    if equations.body.source.midsurface is not None:
-        nodes = finer.body.nodes + solution.sign * finer.unknowns.geometry_values(displacement)
-    return Correction(moved, displacement, _omitted_geometry(equations), nodes)
-
-
-class _Budget(IterationObserver):
-    """Observer that ends a solve after a number of tangents, the same on all ranks."""
-
-    def __init__(self, observer: Observer, tangents: int) -> None:
-        super().__init__(observer)
-        self._left, self._of_this_solve = tangents, 0
-        self._most = tangents
-
-    @property
-    def is_spent(self) -> bool:
-        """True if no tangent is left."""
-        return self._of_this_solve >= self._left
-
-    @property
-    def used(self) -> int:
-        """Number of tangents so far."""
-        return self._most - self._left + self._of_this_solve
-
-    def iteration(self, iteration: NewtonIteration) -> None:
-        super().iteration(iteration)
-        self._of_this_solve += iteration.new_tangent
-
-    def solved(self, event: SolveEvent) -> None:
-        self._left -= max(event.solve.factorizations, self._of_this_solve)
-        self._of_this_solve = 0
-
-    def stop_asked(self) -> bool:
-        return self.is_spent or super().stop_asked()
-
-
-def _tangents_of_finer_solve(equations: Equations, solution: Solution, finer: Forecast) -> int:
-    """Return how many tangents the solve of the finer problem may take; collective."""
-    ranks = equations.body.mesh.comm.size
-    forecast = equations.chooser.forecast
-    solve = solution.factorizations * (forecast.tangent(ranks) + _OVERHEAD)
-    return int(max(SHARE * solve, LEAST) / (finer.tangent(ranks) + _OVERHEAD))
-
-
-def _solve(finer: Equations, direction: Direction, observer: Observer) -> bool:
-    """Solve the finer problem from the unloaded body; return whether the state is its solution."""
-    solved = solve_direction(finer, direction, UNLOADED, observer)
-    finer.destroy()
-    return solved.load == 1.0
-
-
-def _moved(equations: Equations, solution: Solution, finer: Equations, rest_correction: Correction | None) -> _Found:
-    """Return the difference of the state of ``finer`` from the solution; collective."""
-    u = finer.state().displacement
-    if equations.body.source.midsurface is not None:
-        node_displacement = halved_cells.given_values(equations.body, finer.unknowns.geometry_values(u))
-    else:  # a finer geometry has the nodes of the given one at the same places of the cells
-        node_displacement = equations.unknowns.geometry_values(u)
-    moved = solution.sign * (node_displacement - solution.u)
-    if rest_correction is not None:
-        moved += rest_correction.nodes
-    mine = np.linalg.norm(moved, axis=1)
-    # The largest of NaN and a number depends on their order.
-    largest = float(mine.max(initial=0.0)) if np.isfinite(mine).all() else np.inf
-    return _Found(u, node_displacement, moved, finer.body.mesh.comm.allreduce(largest, op=MPI.MAX))
-
-
-def _nodes(solution: Solution, rest_correction: Correction | None) -> Floats:
-    """Local geometry nodes (m) on which a solution is corrected."""
-    return solution.mesh_nodes if rest_correction is None else solution.mesh_nodes + rest_correction.nodes
-
-
-def _finer_body(equations: Equations, solution: Solution, rest_correction: Correction | None) -> tuple[Body, str]:
-    """Return the body with the true geometry, if that is known, and why it is not; collective.
-
-    A state that is solved from the rest shape has the cells of the given mesh.
-    """
-    if not solution.is_on_given_mesh:
-        return (
-            equations.body,
-            "the rest shape is taken as computed" if rest_correction is None else rest_correction.without_geometry,
-        )
-    body, unknown = equations.body.true_geometry_body
-    return body or equations.body, unknown
-
-
-def _omitted_geometry(equations: Equations) -> str:
-    """Return why the error of the geometry is left out in states that are solved from this one; collective."""
-    body, unknown = equations.body.true_geometry_body
-    return unknown if body is None or body is equations.body else "it is known for the given mesh only"
-
-
-def finer_equations(equations: Equations, solution: Solution, rest_correction: Correction | None = None) -> Equations:
-    """Return equations in spaces of one degree more, on the finer geometry if one is known; of a shell on halved cells.
-
-    Collective.
-
-    Their state is the solution on the mesh on which it was computed, or, with the correction of the rest shape, on the
-    corrected one. The state of the given equations is the solution there too.
-    """
-    if equations.body.source.midsurface is not None:
-        return _halved_equations(equations, solution, rest_correction)
-    with equations.timings("mesh"):
-        body, _ = _finer_body(equations, solution, rest_correction)
-    finer = Equations(one_degree_more(solution.job), body, equations.timings)
-    finer.take_supports_as_checked()
-    contacts = finer.weak_form(solution.direction).contacts
-    contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
-    nodes = _nodes(solution, rest_correction)
-    equations.put(solution.moved_to(nodes))
-    state = replace(finer.unloaded(nodes=nodes if body is equations.body else None), load=solution.load)
-    if (other := solution.given_displacement) is not None:
-        u = fem.Function(finer.unknowns.displacement_space)
-        interpolate(other if rest_correction is None else rest_correction.displacement, u)
-        state = replace(state, given_displacement=u)
-    extend(solution.displacement, state.displacement)
-    if state.pressure is not None:
-        assert solution.pressure is not None
-        interpolate(solution.pressure, state.pressure)
-    _put_with_ghosts(finer, state)
-    return finer
-
-
-def _halved_equations(equations: Equations, solution: Solution, rest_correction: Correction | None) -> Equations:
-    """Return equations of a shell on halved cells, in the state of the solution; collective."""
-    body, unknowns = equations.body, equations.unknowns
-    with equations.timings("mesh"):
-        finer = Equations(solution.job, body.halved, equations.timings)
-        finer.take_supports_as_checked()
-    equations.put(solution.moved_to(_nodes(solution, rest_correction)))
-    corrected = None if rest_correction is None else rest_correction.finer_nodes
-    nodes = halved_cells.refined_values(body, solution.mesh_nodes) if corrected is None else corrected
-    state = replace(finer.unloaded(nodes=None if solution.is_on_given_mesh else nodes), load=solution.load)
-
-    def refined(displacement: fem.Function) -> fem.Function:
-        return halved_cells.refined_function(body, unknowns, displacement, finer.unknowns)
-
-    if (other := solution.given_displacement) is not None:
-        state = replace(
-            state, given_displacement=refined(other) if rest_correction is None else rest_correction.displacement
-        )
-    state = replace(state, displacement=refined(solution.displacement))
-    if solution.pressure is not None:
-        pressure = halved_cells.refined_pressure(body, unknowns, solution.pressure, finer.unknowns)
-        state = replace(state, pressure=pressure)
-    _put_with_ghosts(finer, state)
-    return finer
-
-
-def _put_with_ghosts(equations: Equations, state: State) -> None:
-    for function in filter(None, state.fields):
-        function.x.scatter_forward()
-    equations.put(state)
-
-
-def finer_forecast(equations: Equations) -> Forecast:
-    """Return the forecast for a factorization in spaces of one degree more, of a shell on halved cells; collective."""
-    if equations.body.source.midsurface is not None:
-        return Equations(equations.job, equations.body.halved, equations.timings).chooser.forecast
-    forecast = equations.chooser.forecast
-    return forecast.degree_forecast(forecast.degree + 1)
 
 
 def _corrected(
@@ -509,17 +237,6 @@ def _points_moved_inside(
         x, y, z = position(body, place, body.nodes).tolist()
         moved[point] = (x, y, z)
     return [q.model_copy(update={"at": moved[q.at]}) if q.at in moved else q for q in quantities]
-
-
-def one_degree_more(job: Job) -> Job:
-    """Return the job in spaces of one degree more, with the quadrature that they need."""
-    spaces = job.discretisation
-    finer: dict[str, int] = {"displacement": spaces.displacement + 1}
-    if spaces.pressure is not None:
-        finer["pressure"] = spaces.pressure + 1
-    if spaces.quadrature is not None:
-        finer["quadrature"] = spaces.quadrature + 2
-    return job.model_copy(update={"discretisation": spaces.model_copy(update=finer)})
 
 
 def quantities_at_singular_fibres(

@@ -37,9 +37,6 @@ _REUSE = 0.6
 """Contraction up to which a finer tangent is kept, since a new one takes as long as five corrections by a kept one.
 Lowered, more tangents are factorized."""
 
-DESCRIPTION = "on cells of half the size"
-"""Text for a note: where a finer problem of a shell is solved."""
-
 
 def refined_values(given: Body, values: Floats) -> Floats:
     """Return values at the local geometry nodes of `Body.halved` from values (n, k) at the nodes of ``given``."""

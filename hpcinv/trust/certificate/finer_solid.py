@@ -1,0 +1,103 @@
+"""The finer problem of a solid: spaces of one degree more, on the true geometry where that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+from dolfinx import fem
+
+from hpcinv.job.job import Job
+from hpcinv.mesh.interpolation import interpolate
+from hpcinv.mesh.refine.finer_geometry import transfer_function
+from hpcinv.mesh.source import Floats
+from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.cost_model import Forecast
+from hpcinv.solver.methods import solve_direction
+from hpcinv.solver.methods.method import UNLOADED
+from hpcinv.solver.observer import Observer
+from hpcinv.trust.certificate import two_level
+from hpcinv.trust.certificate.extension import extend
+from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
+
+
+class FinerSolid(FinerProblem):
+    """A correction in spaces of one degree more; a solve there where that is large."""
+
+    where: ClassVar[str] = "in spaces of one degree more"
+
+    @staticmethod
+    def forecast(given: Equations) -> Forecast:
+        own = given.chooser.forecast
+        return own.degree_forecast(own.degree + 1)
+
+    @staticmethod
+    def attempts(forecast: Forecast) -> str:
+        return ", and iterations do not find it" if forecast.operations > two_level.MANY else ""
+
+    def solve(self, observer: Observer, most: float) -> Found | None:
+        given, finer, direction = self.given, self.equations, self.solution.direction
+        forecast = self.forecast(given)
+        is_affordable = forecast.least <= given.chooser.room
+        is_large = forecast.operations > two_level.MANY
+        if not (is_large and two_level.correct(given, direction, finer, observer)):
+            if not is_affordable:
+                return None
+            equilibrium = finer.equilibrium(finer.weak_form(direction))
+            equilibrium.correct(1.0)
+            equilibrium.destroy()
+        found = self.moved()
+        if not is_affordable or found.largest <= most:
+            return found
+        corrected = finer.state()
+        budget = Budget(observer, self.tangents_allowed(forecast))
+        if not budget.is_spent:
+            solved = solve_direction(finer, direction, UNLOADED, budget)
+            finer.destroy()
+            if solved.load == 1.0:
+                return replace(self.moved(), is_solved=True)
+        finer.put_fields(corrected.fields)
+        return replace(found, is_too_dear=budget.is_spent)
+
+    def change(self, found: Found, start: fem.Function) -> fem.Function:
+        found.displacement.x.array[:] -= start.x.array
+        return found.displacement
+
+    def _equations(self) -> Equations:
+        given, solution, correction = self.given, self.solution, self.rest_correction
+        body = given.body
+        if solution.is_on_given_mesh:  # one solved from the rest shape has the cells of the given mesh
+            with given.timings("mesh"):
+                body = given.body.true_geometry_body[0] or body
+        finer = Equations(one_degree_more(solution.job), body, given.timings)
+        finer.take_supports_as_checked()
+        contacts = finer.weak_form(solution.direction).contacts
+        contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
+        given.put(solution.moved_to(self.nodes))
+        state = replace(finer.unloaded(nodes=self.nodes if body is given.body else None), load=solution.load)
+        if (other := solution.given_displacement) is not None:
+            u = fem.Function(finer.unknowns.displacement_space)
+            interpolate(other if correction is None else correction.displacement, u)
+            state = replace(state, given_displacement=u)
+        extend(solution.displacement, state.displacement)
+        if state.pressure is not None:
+            assert solution.pressure is not None
+            interpolate(solution.pressure, state.pressure)
+        put_with_ghosts(finer, state)
+        return finer
+
+    def _node_values(self, displacement: fem.Function) -> Floats:
+        # A finer geometry has the nodes of the given one at the same places of the cells.
+        return self.given.unknowns.geometry_values(displacement)
+
+
+def one_degree_more(job: Job) -> Job:
+    """Return the job in spaces of one degree more, with the quadrature that they need."""
+    spaces = job.discretisation
+    finer: dict[str, int] = {"displacement": spaces.displacement + 1}
+    if spaces.pressure is not None:
+        finer["pressure"] = spaces.pressure + 1
+    if spaces.quadrature is not None:
+        finer["quadrature"] = spaces.quadrature + 2
+    return job.model_copy(update={"discretisation": spaces.model_copy(update=finer)})
