@@ -76,6 +76,11 @@ def unsuited_effects(
         own, unknown = effect.faults(first), unknown_families(effect, fibres)
         for place, text in (*own, *unknown, *unknown_case(effect.case, cases)):
             yield (i, *place), text
+        if effect.is_unknown and effect.case in list(cases)[1:]:
+            yield (
+                (i, "case"),
+                f"must be the first load case, or give '{effect.finds}', which the solve finds; leave it out",
+            )
 
 
 def loaded_vertices(effects: Sequence[Effect], single: Collection[str]) -> Faults:

@@ -187,6 +187,8 @@ def test_what_cannot_be_solved_is_refused(plugin: Path, tmp_path: Path) -> None:
     for changes in ({"method": "sellier", "analysis": "inverse"}, {"accuracy": {"corner": "1 mm"}}):
         with pytest.raises(JobError, match=r"is not possible with .* that the solve finds"):
             job(**given(plugin, **changes))
+    with pytest.raises(JobError, match=r"effects\[0\]\.case: must be the first load case, or give 'reaction'"):
+        job(**given(plugin, load_cases=["pull", "sag"], effects=[HELD | {"case": "sag"}, WEIGHT]))
     wrong = tmp_path / "wrong.py"
     text = inspect.cleandoc(PLUGIN).replace("mean-displacement", "no-integral")
     wrong.write_text(text.replace("return k.dA(u[self.axis] - given, self.region)", "return u[self.axis]"))
