@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.base.quantity.schema import KeyPath
+from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
@@ -52,6 +53,14 @@ class CavityReport(ConstraintReport):
     unloaded_volume: float
     residual: float
     compliance: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return self.name
+
+    @property
+    def note(self) -> str:
+        return f"pressure {readable(self.pressure, 'Pa', 6)}, volume {readable(self.volume, 'm^3', 6)}"
 
     def as_data(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "control"}

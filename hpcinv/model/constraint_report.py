@@ -24,6 +24,16 @@ class ConstraintReport(ABC):
     count: ClassVar[int] = 1
     residual: float
 
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """Name of the load or support, in lines of the certificate."""
+
+    @property
+    @abstractmethod
+    def note(self) -> str:
+        """What was found, as text."""
+
     @abstractmethod
     def as_data(self) -> dict[str, Any]:
         """Return JSON data for the summary."""

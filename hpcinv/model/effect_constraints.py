@@ -41,6 +41,14 @@ class NumberReport(ConstraintReport):
     value: float
     residual: float
 
+    @property
+    def label(self) -> str:
+        return self.effect
+
+    @property
+    def note(self) -> str:
+        return f"{self.key} {self.value:.6g} (SI)"
+
     def as_data(self) -> dict[str, Any]:
         return {"effect": self.effect, "key": self.key, "value": self.value, "residual": self.residual}
 

@@ -46,6 +46,14 @@ class RemoteReport(ConstraintReport):
         """Displacement of the reference point as text."""
         return f"({', '.join(f'{c + 0.0:.4g}' for c in self.motion.move)}) m"
 
+    @property
+    def label(self) -> str:
+        return self.region
+
+    @property
+    def note(self) -> str:
+        return f"turned by {np.degrees(self.motion.rotate):.4g}°, moved by {self.moved}"
+
     def as_data(self) -> dict[str, Any]:
         motion = self.motion.model_dump(mode="json")
         return {"region": self.region, **self.load.model_dump(mode="json"), "motion": motion, "residual": self.residual}

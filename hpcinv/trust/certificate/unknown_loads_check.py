@@ -6,9 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hpcinv.base.quantity.units import readable
-from hpcinv.model.constraint_report import of_kind
-from hpcinv.model.effect_constraints import NumberReport
 from hpcinv.solver.bordered_solver import BorderedSolver
 from hpcinv.solver.constraints import solved_borders
 from hpcinv.solver.constraints.remote_motions import RemoteMotion
@@ -52,8 +49,12 @@ STABLE_MOTIONS = topic(
 )
 
 
+TOPICS = {"cavities": CAVITY, "remote_loads": REMOTE_LOAD, "constraints": NUMBER}
+"""by the section of the summary that has the numbers"""
+
+
 class UnknownLoadCheck(Check):
-    """Check the equations of each cavity of unknown pressure, remote load, and number of an effect that was found."""
+    """Check the equations of all numbers that the solve found."""
 
     name, order = "unknown loads", 40
 
@@ -61,15 +62,9 @@ class UnknownLoadCheck(Check):
         return super().applies(run) and run.has_unknown_loads
 
     def lines(self, run: CheckedRun) -> Iterator[Line]:
-        for cavity in run.solution.cavities:
-            note = f"pressure {readable(cavity.pressure, 'Pa', 6)}, volume {readable(cavity.volume, 'm^3', 6)}"
-            yield upper_bound_line(CAVITY.placed(cavity.name), cavity.residual, _WARN, _FAIL, note=note)
-        for load in run.solution.remote_loads:
-            note = f"turned by {np.degrees(load.motion.rotate):.4g}°, moved by {load.moved}"
-            yield upper_bound_line(REMOTE_LOAD.placed(load.region), load.residual, _WARN, _FAIL, note=note)
-        for found in of_kind(run.solution.constraints, NumberReport):
-            note = f"{found.key} {found.value:.6g} (SI)"
-            yield upper_bound_line(NUMBER.placed(found.effect), found.residual, _WARN, _FAIL, note=note)
+        for report in run.solution.constraints:
+            topic = TOPICS[report.section].placed(report.label)
+            yield upper_bound_line(topic, report.residual, _WARN, _FAIL, note=report.note)
 
 
 class RemoteLoadStabilityCheck(Check):
