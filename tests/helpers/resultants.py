@@ -41,7 +41,7 @@ class Loaded:
         nodes[:] += bend(nodes * length) / length
         self.model = Equations(job, self.body, Timings())
         self.weak_form = self.model.weak_form(direction)
-        self.weak_form.parameters.set_load(1.0)
+        self.model.put_load(1.0)
         unknowns = self.weak_form.unknowns
         points = unknowns.space.tabulate_dof_coordinates()
         unknowns.state.x.array[:] = (state(points * length) / length).ravel()
