@@ -11,12 +11,15 @@ from hpcinv.errors import SystemPartMissing
 
 FUNCTIONS = {
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
+    "mesh of elements and sets": "hpcinv.formats.readers.elements:read_elements",
     "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
     "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
+    "mesh of a CAD file": "hpcinv.geometry.cad.cad_mesh:cad_mesh",
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
     "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
+    "surface of a shell": "hpcinv.formats.readers.shell_surfaces:read_shell_surface",
     "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
 }
 """module and function by what they make"""

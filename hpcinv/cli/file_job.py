@@ -77,7 +77,7 @@ class FileJob:
 
     def _remarks(self) -> Iterator[str]:
         """Yield what a reader of the job must know of the file."""
-        from hpcinv.mesh.io.elements import loose_nodes
+        from hpcinv.formats.readers.elements import loose_nodes
 
         if self._deck.is_linear:
             yield "The file is solved for small displacements (*STEP without NLGEOM), this job for large ones."

@@ -35,7 +35,6 @@ from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.face_files import add_face_files
 from hpcinv.mesh.facet_groups import join_facets
-from hpcinv.mesh.io.cad import cad_mesh
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.midsurface import halved_shell, thicken
@@ -228,7 +227,7 @@ def read_source(
         elif spec.wall is not None:
             source = on_demand("mesh of a vessel")(path, spec, report)
         elif spec.is_cad:
-            source = cad_mesh(path, spec, report, size_factor)
+            source = on_demand("mesh of a CAD file")(path, spec, report, size_factor)
         elif spec.size is not None and spec.is_surface:
             parts = {
                 name: [sibling_path(path, spec.file, file) for file in files] for name, files in spec.surfaces.items()

@@ -24,10 +24,10 @@ from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
-from hpcinv.mesh.io.shell_surfaces import read_shell_surface
 from hpcinv.mesh.io.vtu import source_of
 from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
+from hpcinv.on_demand import on_demand
 
 
 def build_python(
@@ -111,7 +111,7 @@ def read_surface(path: Path, labels: ArrayLabels | None = None) -> MeshSource:
         labels: array of a file of VTK that has further regions.
     """
     if suffix_of(path) != ".msh":
-        return quadrilaterals(read_shell_surface(path, labels))
+        return quadrilaterals(on_demand("surface of a shell")(path, labels))
     with _opened_msh(path) as gmsh:
         return quadrilaterals([_with_data(gmsh, part) for part in extract_surface(gmsh, path)])
 
@@ -187,14 +187,15 @@ GENERATORS: dict[str, Callable[..., MeshSource]] = {".py": build_python, ".geo":
 
 def _read(mesh_format: MeshFormat, path: Path) -> MeshSource:
     check_untrusted(path)
+    source: MeshSource
     if mesh_format.elements:
-        from hpcinv.mesh.io.elements import read_elements
-
-        return read_elements(path, mesh_format.action, f"cannot be read as {mesh_format.elements}")
-    if mesh_format.reader:
-        source: MeshSource = loaded(mesh_format.reader)(path)
-        return source
-    return source_of(path, mesh_format.arrays(path))
+        failure = f"cannot be read as {mesh_format.elements}"
+        source = on_demand("mesh of elements and sets")(path, mesh_format.action, failure)
+    elif mesh_format.reader:
+        source = loaded(mesh_format.reader)(path)
+    else:
+        source = source_of(path, mesh_format.arrays(path))
+    return source
 
 
 FILES: dict[str, Callable[[Path], MeshSource]] = {suffix: partial(_read, kind) for suffix, kind in FORMATS.items()}

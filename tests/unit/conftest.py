@@ -16,8 +16,9 @@ import hpcinv
 from hpcinv.base.reading import isolated_reader
 from hpcinv.base.reading.fault import Fault
 from hpcinv.errors import JobError, MeshError
+from hpcinv.formats.readers import elements
 from hpcinv.job.job import Job
-from hpcinv.mesh.io import elements, vtu
+from hpcinv.mesh.io import vtu
 
 
 @pytest.fixture

@@ -22,12 +22,13 @@ from hpcinv.__main__ import main
 from hpcinv.base.parallel import code_cache
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
+from hpcinv.geometry.cad import small_features
 from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
 from hpcinv.geometry.workshop.solid import volume_of
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.mesh.cell_count import no_report
-from hpcinv.mesh.io import isolated, small_features
+from hpcinv.mesh.io import isolated
 from hpcinv.mesh.source import MeshSource
 
 MODELS = {

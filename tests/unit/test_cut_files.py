@@ -16,8 +16,8 @@ from hpcinv.base.reading.med_files import read_med
 from hpcinv.base.reading.medit_files import read_medit
 from hpcinv.base.reading.unv_files import read_unv
 from hpcinv.errors import MeshError
+from hpcinv.formats.readers.elements import _source_of_elements
 from hpcinv.mesh import read_source
-from hpcinv.mesh.io.elements import _source_of_elements
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
 

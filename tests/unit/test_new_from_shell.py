@@ -57,7 +57,7 @@ def _read_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
         assert action == "inp-shells"
         return read_inp_shells(path)
 
-    for module in ("hpcinv.mesh.io.isolated", "hpcinv.mesh.io.shell_surfaces"):
+    for module in ("hpcinv.mesh.io.isolated", "hpcinv.formats.readers.shell_surfaces"):
         monkeypatch.setattr(f"{module}.read_isolated", read)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.reading.exodus_files import BRICK
-from hpcinv.mesh.io.elements import check_names, check_numbers, disjoint_parts, elements_of, node_sets
+from hpcinv.formats.readers.elements import check_names, check_numbers, disjoint_parts, elements_of, node_sets
 from hpcinv.mesh.source import Floats, MeshSource
 
 _LARGEST = 99_999_999

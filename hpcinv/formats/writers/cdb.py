@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, elements_of, node_sets
+from hpcinv.formats.readers.elements import check_names, elements_of, node_sets
 from hpcinv.mesh.source import Floats, MeshSource
 
 _NUMBERS = {("tetrahedron", 1): 285, ("tetrahedron", 2): 187, ("hexahedron", 1): 185, ("hexahedron", 2): 186}

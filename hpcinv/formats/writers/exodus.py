@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from hpcinv.base.reading.exodus_files import BRICK, SIDES
+from hpcinv.formats.readers.elements import check_numbers, disjoint_parts, elements_of, faces_of
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.io.elements import check_numbers, disjoint_parts, elements_of, faces_of
 from hpcinv.mesh.source import Floats, MeshSource
 
 _NAMES = {4: "TETRA4", 10: "TETRA10", 8: "HEX8", 20: "HEX20", 27: "HEX27"}

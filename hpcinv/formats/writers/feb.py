@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.reading.inp_files import FACES
+from hpcinv.formats.readers.elements import elements_of, faces_of
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.io.elements import elements_of, faces_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 
 _NAMES = {

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.formats.readers.elements import elements_of, faces_of
 from hpcinv.mesh.cells import vtk_order
-from hpcinv.mesh.io.elements import elements_of, faces_of
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 _NAMES = {

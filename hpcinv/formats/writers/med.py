@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.base.reading.med_files import MIRRORED
-from hpcinv.mesh.io.elements import check_names, check_numbers, elements_of, facets_of
+from hpcinv.formats.readers.elements import check_names, check_numbers, elements_of, facets_of
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 
 _KINDS = {4: "TE4", 10: "T10", 8: "HE8", 20: "H20"}

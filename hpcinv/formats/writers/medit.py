@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.formats.readers.elements import elements_of, facets_of
 from hpcinv.mesh.cells import FACET_KIND
-from hpcinv.mesh.io.elements import elements_of, facets_of
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 
 _SECTIONS = {"triangle": "Triangles", "quadrilateral": "Quadrilaterals"}

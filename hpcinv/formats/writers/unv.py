@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.mesh.io.elements import check_names, elements_of, facets_of
+from hpcinv.formats.readers.elements import check_names, elements_of, facets_of
 from hpcinv.mesh.source import Floats, MeshSource
 
 _TYPES = {4: 111, 10: 118, 8: 115, 20: 116}

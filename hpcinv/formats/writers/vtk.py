@@ -7,7 +7,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.mesh.io.elements import check_numbers
+from hpcinv.formats.readers.elements import check_numbers
 from hpcinv.mesh.io.vtu import content_of, read_grid
 from hpcinv.mesh.source import Floats, MeshSource
 

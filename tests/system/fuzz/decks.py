@@ -29,8 +29,9 @@ from hpcinv.base.reading import isolated_reader
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.formats.readers import elements, shell_surfaces
 from hpcinv.formats.writers import feb
-from hpcinv.mesh.io import elements, isolated, shell_surfaces
+from hpcinv.mesh.io import isolated
 from hpcinv.mesh.readers import FILES
 
 PATIENCE = 20

@@ -14,12 +14,12 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.cad_files import given_name, solid_names
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
+from hpcinv.geometry.cad.small_features import report_small_features
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.isolated import check_cad
-from hpcinv.mesh.io.small_features import report_small_features
 from hpcinv.mesh.source import MeshSource
 from hpcinv.mesh.thin_walls import report_thin_walls
 

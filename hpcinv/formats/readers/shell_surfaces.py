@@ -10,10 +10,10 @@ import numpy.typing as npt
 from hpcinv.base.mesh_formats.vtu import REGION
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
+from hpcinv.formats.readers.elements import loose_nodes
 from hpcinv.job.sections import SURFACES, ArrayLabels
 from hpcinv.mesh.cells import degree_of, no_cells, scalar_element, sub_entities, vertex_count, vtk_order
 from hpcinv.mesh.checks import check_nodes
-from hpcinv.mesh.io.elements import loose_nodes
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES, read_arrays, tags_of, unit_of, whole_numbers, without_tags
 from hpcinv.mesh.source import Group, Ints, MeshSource, data_arrays, distinct_tags

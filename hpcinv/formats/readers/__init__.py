@@ -1,0 +1,1 @@
+"""Meshes and surfaces of shells from what the files of other programs contain."""
