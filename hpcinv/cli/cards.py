@@ -85,10 +85,10 @@ def _card_text(argument: str) -> tuple[str, str]:
 
 def file_text(path: Path) -> str:
     """Return the text of a card's file, with the files that an input file includes; ``ValueError`` if there is none."""
-    from hpcinv.base.files.followed_includes import followed
     from hpcinv.base.quantity.csv_rows import text_of
     from hpcinv.base.reading.deck_includes import LONGEST_TEXT
     from hpcinv.base.reading.fault import Fault
+    from hpcinv.formats.readers.followed_includes import followed
 
     text = text_of(path, LONGEST_TEXT)
     if suffix_of(path) != ".inp" or "INPUT" not in text.upper():

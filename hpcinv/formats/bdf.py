@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from hpcinv.base.files.followed_includes import included_files
 from hpcinv.base.mesh_formats.mesh_format import MeshFormat
+from hpcinv.formats.readers.followed_includes import included_files
 
 
 class Bdf(MeshFormat):

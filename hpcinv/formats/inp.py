@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from hpcinv.base.files.followed_includes import followed, included_files
 from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.fault import Fault
+from hpcinv.formats.readers.followed_includes import followed, included_files
 
 _CONDITIONS = (
     r".+-(P[1-6]|EDNOR[1-4]|nodes|surface)",

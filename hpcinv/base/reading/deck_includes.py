@@ -1,6 +1,6 @@
 """What an input file says with the files that it includes, as data of JSON.
 
-Each function follows the includes. With ``--untrusted``, `hpcinv.base.files.followed_includes` calls it in a child
+Each function follows the includes. With ``--untrusted``, `hpcinv.formats.readers.followed_includes` calls it in a child
 process.
 """
 

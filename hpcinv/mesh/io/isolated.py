@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.base.files.followed_includes import reader_command
+from hpcinv.base.files.reader_command import reader_command
 from hpcinv.base.mesh_formats import action_of, check_untrusted
 from hpcinv.base.parallel.available_memory import available
 from hpcinv.base.parallel.children import run_child, start_child

@@ -1,12 +1,11 @@
 """Included files of decks are followed here only: in this process, or with ``--untrusted`` in a child with limits."""
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from hpcinv.base import reading
+from hpcinv.base.files.reader_command import reader_command
 from hpcinv.base.parallel.children import run_child
 from hpcinv.base.parallel.signals import ended_by_signals
 from hpcinv.base.reading.deck_includes import FUNCTIONS
@@ -14,7 +13,6 @@ from hpcinv.base.reading.door import is_asked
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.reader_outcome import fault_found
 
-_PROGRAM = Path(reading.__file__).with_name("isolated_reader.py")
 _MEMORY = 4 << 30
 """bytes that the child may take, enough for decks of 600 MB; raised, a hostile file fills the memory of the machine"""
 _SECONDS = 120
@@ -23,11 +21,6 @@ _WAITING = 5  # s on the clock for each second of processor time; on a busy mach
 
 _known: dict[Path, tuple[list[tuple[int, int]], list[str]]] = {}
 """times and sizes of a deck and of its included files, and the names of these"""
-
-
-def reader_command(action: str, path: Path, memory: int, seconds: int) -> list[str]:
-    """Return the command that reads a file in a process of its own, within bytes of memory and processor time (s)."""
-    return [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), str(memory), str(seconds)]
 
 
 def followed(action: str, path: Path, *, isolated: bool | None = None) -> dict[str, Any]:
