@@ -158,7 +158,7 @@ HOW = {
 PAIRS = list(itertools.combinations(CHANGES, 2))
 BY_SCHEMA = {("other strategies", "series"): "is not valid with 'strategy: arc-length'"}
 """pairs of settings of one section, which its schema refuses"""
-MENDED = itertools.product(("unknown pressures", "remote loads"), ("rigid contact", "start shape", "load cases"))
+MENDED = itertools.product(("unknown pressures", "remote loads"), ("rigid contact", "start shape"))
 """pairs that once lost the contact pressures of a solution, or were refused"""
 DAILY = {*random.Random(64).sample(PAIRS, len(PAIRS) // 10), *MENDED}
 
