@@ -238,6 +238,20 @@ def test_a_guess_has_the_unknown_pressures(tmp_path: Path) -> None:
     assert solved.constraints[0].pressure == pytest.approx(solution.cavities[0].pressure, rel=1e-8)
 
 
+def test_a_restart_with_contact_has_the_unknown_motion(tmp_path: Path) -> None:
+    data = made("remote loads", "rigid contact", directory=tmp_path)
+    data["effects"][-1]["obstacle"]["point"] = [0, 0, -10]  # it is not touched
+    del data["first"]
+    posed = job(**data | {"analysis": "forward"})
+    solution = hpcinv.run(posed, MPI.COMM_SELF).solutions[0]
+    body = build_body(posed.mesh, {}, MPI.COMM_SELF, resolve=posed.resolve, degree=2)
+    equations = Equations(posed, body, Timings())
+    start = Start(solution=solution.fields, load=1.0)
+    first, *_ = solve_direction(equations, "forward", start, SILENT).solves
+    equations.destroy()
+    assert first.iterations[0].correction < 1e-6 * first.iterations[0].state
+
+
 @pytest.mark.parametrize("unknown", ["unknown pressures", "remote loads"])
 def test_a_damped_line_search_finds_unknown_numbers(unknown: str, tmp_path: Path) -> None:
     data = made(unknown, directory=tmp_path)

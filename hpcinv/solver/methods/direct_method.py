@@ -40,13 +40,6 @@ class DirectMethod(Method):
         self.check_start(start)
         if contacts.is_iterated:
             contacts.reset()
-            if start.load == 1.0:  # a checkpoint has no contact pressures
-                self.reached_load = 0.0
-                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
-                yield solve
-                if solve.outcome.accepted:
-                    yield from self._augment(tolerance)
-                return
         if start.origin is not None:
             equations.put_fields(start.origin)
             self.equilibrium.begin_path()
@@ -55,6 +48,12 @@ class DirectMethod(Method):
             cases = 1
         if start.load > 0.0:
             self.equilibrium.numbers.recover(start.load)
+        if contacts.is_iterated and start.load == 1.0:  # a checkpoint has no contact pressures
+            self.reached_load = 0.0
+            yield (solve := self.equilibrium.solve(1.0, tolerance, begins_near=True))
+            if solve.outcome.accepted:
+                yield from self._augment(tolerance)
+            return
         # The other strategies are chosen for the path that they take, which a guess would skip.
         is_path_free = isinstance(self.steps, AdaptiveSteps) and not contacts.is_iterated
         if is_path_free and start.guess is not None and start.load == 0.0:
