@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, ClassVar, Self
 
-import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import ufl
-from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
 from hpcinv.model.constraint_report import ConstraintReport
-from hpcinv.model.parameters import ParameterDerivative, ParameterDirection
+from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.weak_form import WeakForm
 
 
@@ -73,7 +69,7 @@ class EffectConstraint:
     ``q`` is the number times the load factor, in proportion to which its forces are.
 
     Args:
-        number: place of the effect among the job's.
+        place: of the effect among the job's.
 
     Attributes:
         number: q.
@@ -85,7 +81,7 @@ class EffectConstraint:
         self._where, self._ingredient = job.named_effects[place][0], len(job.laws) + place
         self._case = job.case_of(self._effect)
         self.unit = scales.unit_of(self._effect.quantities()[self._effect.finds][1])
-        self._comm, self.number = weak_form.unknowns.mesh.comm, 0.0
+        self._integral, self.number = weak_form.constraints[place], 0.0
 
     @property
     def _factor(self) -> float:
@@ -97,63 +93,25 @@ class EffectConstraint:
 
     def value(self, load: float) -> float:
         """Return C at the present state, number and load factor, which the weak form has; collective."""
-        return self._total(fem.assemble_vector(self._integral).array)
+        return self._integral.value()
 
     def linearise(self, load: float, b: PETSc.Vec) -> float:
         """Set ``b`` to the derivative of C by the state, and return the derivative by q; collective."""
-        with b.localForm() as local:
-            local.set(0.0)
-            fem_petsc.assemble_vector(b, self._gradient)
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        parameters = self._weak_form.parameters
-        entries = parameters.number_direction(self._ingredient, self._effect.finds)
+        self._integral.gradient(b)
+        entries = self._weak_form.parameters.number_direction(self._ingredient, self._effect.finds)
         return self.rate(ParameterDirection(entries, ())) / self._factor
 
     def rate(self, direction: ParameterDirection) -> float:
         """Return the derivative of C in a direction of the parameters; collective."""
-        b = fem_petsc.create_vector(self._weight.ufl_function_space())
-        self._parameter_derivative.assemble(direction, b)
-        with b.localForm() as local:
-            total = self._total(local.array)
-        b.destroy()
-        return total
+        return self._integral.rate(direction)
 
     def report(self, load: float) -> NumberReport:
         """Return the report of the present state, a solution at a load factor; collective."""
-        row = self._weak_form.unknowns.state.x.petsc_vec.duplicate()
-        self.linearise(load, row)
-        terms = np.abs(row.array * self._weak_form.unknowns.state.x.petsc_vec.array).sum()
-        size = float(self._comm.allreduce(float(terms), op=MPI.SUM))
+        state = self._weak_form.unknowns.state.x.petsc_vec
+        row = state.duplicate()
+        self._integral.gradient(row)
+        terms, value = float(np.abs(row.array * state.array).sum()), abs(self.value(load))
         row.destroy()
-        residual = abs(self.value(load)) / size if size else 0.0
+        size = self._weak_form.unknowns.mesh.comm.allreduce(terms, op=MPI.SUM)
+        residual = value / max(size, value) if value else 0.0
         return NumberReport(self._where, self._place, self._effect.finds, self.number * self.unit, residual)
-
-    def _total(self, values: Any) -> float:
-        return float(self._comm.allreduce(float(values.sum()), op=MPI.SUM))
-
-    @cached_property
-    def _form(self) -> Any:
-        return self._weak_form.constraints[self._place]
-
-    @cached_property
-    def _weight(self) -> Any:
-        """A constant of each cell: with it C becomes a vector, which programs assemble."""
-        return ufl.TestFunction(fem.functionspace(self._weak_form.unknowns.mesh, ("DG", 0)))
-
-    @cached_property
-    def _weighted(self) -> Any:
-        parts = self._form.integrals()
-        return ufl.Form([part.reconstruct(integrand=part.integrand() * self._weight) for part in parts])
-
-    @cached_property
-    def _integral(self) -> fem.Form:
-        return fem.form(self._weighted)
-
-    @cached_property
-    def _gradient(self) -> fem.Form:
-        unknowns = self._weak_form.unknowns
-        return fem.form(ufl.derivative(self._form, unknowns.state, unknowns.test))
-
-    @cached_property
-    def _parameter_derivative(self) -> ParameterDerivative:
-        return ParameterDerivative(self._weighted, self._weak_form.parameters, self._weak_form.unknowns.mesh)

@@ -32,6 +32,7 @@ from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
 from hpcinv.job.sections import Shell
 from hpcinv.model.cell_means import PartExpressions, StateMeans
+from hpcinv.model.constraint_integral import ConstraintIntegral
 from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
@@ -152,7 +153,8 @@ class WeakForm:
         self._strains, self._potentials = [strain for _, strain in strains], potentials
         works = [external_work(where, effect, kin, unknowns.v, load, p) for where, (effect, load, p) in named]
         self._works = [work for work in works if work is not None]
-        self.constraints = dict(constraint_forms(named, kin, unknowns.u))
+        constraints = constraint_forms(named, kin, unknowns.u)
+        self.constraints = {place: ConstraintIntegral(form, unknowns, par) for place, form in constraints}
         self.residual = self._residual()
         self.J = Deformation(H).J if is_one_layer else total.J
         self.mesh_J = kin.mesh_J
