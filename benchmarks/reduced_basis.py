@@ -29,9 +29,9 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.driver import run
 from hpcinv.job.job import Job, load
 from hpcinv.output.progress import Progress
-from hpcinv.output.reduced_basis import predicted_guesses
 from hpcinv.results.solution import Solution
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.sweep.reduced_basis import predicted_guesses
 from hpcinv.studies.sweep.sweep_plan import load_sweep
 from hpcinv.studies.sweep.training import train
 

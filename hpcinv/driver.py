@@ -13,9 +13,9 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.sections import QuantityValue
 from hpcinv.job.state_differences import with_differences
+from hpcinv.on_demand import on_demand
 from hpcinv.output.checkpoint_writer import CheckpointWriter
 from hpcinv.output.progress import Progress
-from hpcinv.output.reduced_basis import predicted_guesses
 from hpcinv.output.result import Result
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.run_report import RunReport
@@ -81,7 +81,9 @@ def run(
             progress.note(slow)
         prepared = prepare(job, workspace, progress, timings, stop)
         own.enter_context(signals_recorded())
-        guesses = guesses or predicted_guesses(prepared.job, prepared.equations, progress.note)
+        if not guesses and prepared.job.solver.start is not None:
+            predict = on_demand("start from a sweep")
+            guesses = predict(prepared.job, prepared.equations, progress.note)
         outputs = _Outputs(prepared, store, progress, stop, guesses, overwrite=overwrite, resume=resume)
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)

@@ -18,6 +18,7 @@ FUNCTIONS = {
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
+    "start from a sweep": "hpcinv.studies.sweep.reduced_basis:predicted_guesses",
     "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
     "surface of a shell": "hpcinv.formats.readers.shell_surfaces:read_shell_surface",
     "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
@@ -37,5 +38,7 @@ def on_demand(made: str) -> Callable[..., Any]:
     except ModuleNotFoundError as error:
         if not (error.name and module.startswith(error.name)):
             raise
-        raise SystemPartMissing(f"A {made} needs {module}, which this installation lacks.", "Install hpcinv.") from None
+        raise SystemPartMissing(
+            f"The {made} needs {module}, which this installation lacks.", "Install hpcinv."
+        ) from None
     return result

@@ -1,4 +1,4 @@
-// Reads the arrays that hpcinv/pages/reports/arrays.py writes.
+// Reads the arrays that hpcinv/pages/reports/packed_arrays.py writes.
 
 async function inflated(text) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));

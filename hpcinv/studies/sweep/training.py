@@ -13,11 +13,11 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError
 from hpcinv.output.checkpoint import Checkpoints, Restart
-from hpcinv.output.reduced_basis import ReducedBasis, TrainingCase
 from hpcinv.output.run_store import problem_fingerprint
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Guess, sign_of
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.sweep.reduced_basis import ReducedBasis, TrainingCase
 from hpcinv.studies.sweep.results import results
 from hpcinv.studies.sweep.shape_spread import kept_file
 from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan

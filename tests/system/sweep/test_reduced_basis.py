@@ -16,8 +16,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.driver import run
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
-from hpcinv.output.reduced_basis import STRATEGY
-from hpcinv.solver.methods.radial_basis import RadialBasis
+from hpcinv.studies.sweep.radial_basis import RadialBasis
+from hpcinv.studies.sweep.reduced_basis import STRATEGY
 from hpcinv.studies.sweep.sweep_plan import load_sweep
 from hpcinv.studies.sweep.training import train
 

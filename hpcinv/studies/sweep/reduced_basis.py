@@ -1,7 +1,7 @@
 """Initial guesses by a reduced basis of the solutions of a sweep, and a regression of their coefficients.
 
 The solutions of the cases are combinations of few modes (proper orthogonal decomposition). At the numbers of a new job,
-the coefficients of the modes are interpolated (`hpcinv.solver.methods.radial_basis`). Newton's method corrects the
+the coefficients of the modes are interpolated (`hpcinv.studies.sweep.radial_basis`). Newton's method corrects the
 prediction to its own tolerance, so a poor one costs time, not accuracy.
 
 A directory has ``start.json`` (points and coefficients of the cases) and ``modes.bp`` (ADIOS2, in the cell order of the
@@ -36,7 +36,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.output.checkpoint import cells_digest, functions_digest
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Guess
-from hpcinv.solver.methods.radial_basis import RadialBasis
+from hpcinv.studies.sweep.radial_basis import RadialBasis
 
 STRATEGY = "start of a sweep"
 """Strategy of a solve from a predicted solution, for reports."""
