@@ -36,18 +36,9 @@ class DirectMethod(Method):
     def solves(self, start: Start = UNLOADED) -> Solves:
         self.reached_load = start.load
         equations, contacts = self.equations, self.equilibrium.system.weak_form.contacts
-        tolerance, cases = equations.job.solver.tolerance, equations.job.case_count
+        tolerance = equations.job.solver.tolerance
         self.check_start(start)
-        if contacts.is_iterated:
-            contacts.reset()
-        if start.origin is not None:
-            equations.put_fields(start.origin)
-            self.equilibrium.begin_path()
-            if start.solution is not None:
-                equations.put_fields(start.solution)
-            cases = 1
-        if start.load > 0.0:
-            self.equilibrium.numbers.recover(start.load)
+        cases = self._begin(start)
         if contacts.is_iterated and start.load == 1.0:  # a checkpoint has no contact pressures
             self.reached_load = 0.0
             yield (solve := self.equilibrium.solve(1.0, tolerance, begins_near=True))
@@ -69,6 +60,21 @@ class DirectMethod(Method):
             yield solve
             if is_last:
                 yield from self._augment(tolerance)
+
+    def _begin(self, start: Start) -> int:
+        """Put the state with which the solves begin; return the number of load cases on the way from there."""
+        contacts, cases = self.equilibrium.system.weak_form.contacts, self.equations.job.case_count
+        if contacts.is_iterated:
+            contacts.reset()
+        if start.origin is not None:
+            self.equations.put_fields(start.origin)
+            self.equilibrium.begin_path()
+            if start.solution is not None:
+                self.equations.put_fields(start.solution)
+            cases = 1
+        if start.load > 0.0:
+            self.equilibrium.numbers.recover(start.load)
+        return cases
 
     def _solve_from(self, guess: Guess) -> Solve:
         """Solve at the full load from a guess; the body is unloaded again if that fails."""
