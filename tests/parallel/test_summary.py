@@ -37,6 +37,7 @@ NOT_OF_EVERY_JOB = {
     "mesh.inputs",
     "states",
     "solutions[].state",
+    "solutions[].constraints",
     "solutions[].cavities",
     "solutions[].remote_loads",
     "solutions[].coarse",
