@@ -47,7 +47,7 @@ def main() -> None:
         operations.append(costs.operations)
         return costs
 
-    FinerSolid.forecast = staticmethod(noted)  # type: ignore[method-assign]
+    FinerSolid.forecast = staticmethod(noted)  # type: ignore[assignment, method-assign]
     print(f"{'body':20}{'unknowns':>10}{'operations':>12}{'factorized':>12}{'iterated':>10}{'ratio of errors':>17}")
     for name in options.bodies:
         for size in options.sizes:
