@@ -2,7 +2,6 @@
 
 import argparse
 import os
-from pathlib import Path
 from typing import Any
 
 from hpcinv.cli.help import add_command
@@ -18,17 +17,14 @@ def add_compile(commands: Any) -> None:
     )
     command.add_argument("jobs", nargs="*", metavar="file", help="not needed: laws and loads of a job are programs")
     command.add_argument(
-        "--cache",
-        type=Path,
-        metavar="DIR",
-        help="the cache, for runs with HPCINV_KERNELS=DIR (default: $HPCINV_KERNELS)",
+        "--cache", metavar="DIR", help="the cache, for runs with HPCINV_KERNELS=DIR (default: $HPCINV_KERNELS)"
     )
     command.set_defaults(command=_compile)
 
 
 def _compile(options: argparse.Namespace) -> int:
     if options.cache is not None:
-        os.environ["HPCINV_KERNELS"] = str(options.cache)
+        os.environ["HPCINV_KERNELS"] = options.cache
 
     from hpcinv.base.parallel.launch import launched
 

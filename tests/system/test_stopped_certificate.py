@@ -14,6 +14,7 @@ import pytest
 from helpers.command_line import BLOCK, hpcinv, hpcinv_here, write_job
 from helpers.sweeps import records_of, write_sweep
 
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.trust.certificate import checks
 
 # One rank sends itself a signal when a function of hpcinv is called.
@@ -189,8 +190,8 @@ def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_aga
     (run,) = [path.parent for path in tmp_path.glob("**/checkpoints")]
     assert summary(run)["status"] == "stopped by a signal"
 
-    def reach_nothing(*_: Any, load: float, **__: Any) -> list[Any]:
-        assert load == 1.0  # a solve of the job, rather than of its certificate
+    def reach_nothing(path: EquilibriumPath, *_: Any) -> list[Any]:
+        assert path.load == 1.0  # a solve of the job, rather than of its certificate
         return []
 
     monkeypatch.setattr("hpcinv.solver.methods.direct_method.reach", reach_nothing)

@@ -130,7 +130,9 @@ def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dic
     texts = {"".join(t.itertext()).strip() for t in svg.iter("{http://www.w3.org/2000/svg}text")}
     assert {"P2 (nz)", "tolerance (tolerance)", "Pareto front", "0.001", "error of length / m"} <= texts
     assert any(
-        text.startswith("time / s (whole run without compilation and certificate, 1 rank, median of 2)")
+        text.startswith(
+            "time / s (whole run without its certificate, and without making programs, 1 rank, median of 2)"
+        )
         for text in texts
     )
 

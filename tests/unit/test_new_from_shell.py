@@ -57,7 +57,8 @@ def _read_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
         assert action == "inp-shells"
         return read_inp_shells(path)
 
-    for module in ("hpcinv.mesh.io.isolated", "hpcinv.formats.readers.shell_surfaces"):
+    # In this order: a module that is imported for its patch must not find the other one patched, and keep that.
+    for module in ("hpcinv.formats.readers.shell_surfaces", "hpcinv.mesh.io.isolated"):
         monkeypatch.setattr(f"{module}.read_isolated", read)
 
 
