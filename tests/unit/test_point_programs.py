@@ -20,6 +20,7 @@ from helpers.without_compiler import without_compiler
 from hpcinv.base.parallel import cache_files
 from hpcinv.base.parallel.code_cache import kept_in
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.physics.points import array_interpreter, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
@@ -135,6 +136,26 @@ def test_any_number_of_points_fills_blocks(count: int) -> None:
     assert values == pytest.approx(
         np.einsum("qn,cni->cqi", weights, CUBE.geometry.x[CUBE.geometry.dofmaps[0]]), abs=1e-15
     )
+
+
+def test_angles_are_those_of_numpy_in_all_quadrants_and_on_the_axes() -> None:
+    """With slopes ``(x dy - y dx)/(x² + y²)``, here of a turn about the origin, which is 1."""
+    for y, x in [(1.0, 2.0), (2.0, 1.0), (2.0, -1.0), (1.0, -2.0), (-1.0, -2.0), (-2.0, 1.0), (0, 3), (0, -3), (3, 0)]:
+        place, turn = fem.Constant(CUBE, np.array([x, y, 0.0])), ufl.variable(fem.Constant(CUBE, 0.0))
+        turned = ufl.as_vector([place[0] - turn * place[1], place[1] + turn * place[0]])
+        angle = ufl.atan2(turned[1], turned[0])
+        both = ufl.as_vector([angle, ufl.diff(angle, turn)])
+        values = fem.Expression(both, POINTS[:1]).eval(CUBE, np.zeros(1, dtype=np.int32)).ravel()
+        np.testing.assert_allclose(values, [np.arctan2(y, x), 1.0], rtol=1e-14)
+    origin = fem.Expression(ufl.atan2(fem.Constant(CUBE, 0.0), fem.Constant(CUBE, 0.0)), POINTS[:1])
+    assert origin.eval(CUBE, np.zeros(1, dtype=np.int32)).item() == 0.0
+
+
+@pytest.mark.parametrize("name", UFL_FUNCTIONS)
+def test_programs_have_every_function_of_formulas(name: str) -> None:
+    x, y, _ = ufl.SpatialCoordinate(CUBE)
+    arguments = (x, y) if name in ("atan2", "min", "max") else (x,)
+    assert kernels.missing_in_programs(ufl.as_ufl(UFL_FUNCTIONS[name](*arguments))) == ""
 
 
 def test_programs_are_kept_and_read_again() -> None:

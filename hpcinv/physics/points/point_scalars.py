@@ -244,6 +244,7 @@ _OPERATIONS: dict[type, Callable[..., Node]] = {
     classes.Division: ScalarGraph.divide,
     classes.Power: ScalarGraph.power,
     classes.Abs: ScalarGraph.absolute,
+    classes.Atan2: ScalarGraph.angle,
     classes.MinValue: lambda graph, a, b: graph.select(graph.compare("<", a, b), a, b),
     classes.MaxValue: lambda graph, a, b: graph.select(graph.compare("<", a, b), b, a),
     classes.LT: lambda graph, a, b: graph.compare("<", a, b),

@@ -129,6 +129,21 @@ class ScalarGraph:
         self.operations[node] = (*key, self._derivative(name, x, node))
         return node
 
+    def angle(self, y: Node, x: Node) -> Node:
+        """Return ``atan2(y, x)``: by the smaller quotient of both, so that neither it nor its derivative overflows."""
+
+        def nonzero(value: Node) -> Node:
+            return self.select(self.compare("==", value, zero), self.number(1.0), value)
+
+        def signed(size: float) -> Node:
+            return self.select(self.compare("<", y, zero), self.number(-size), self.number(size))
+
+        zero = self.number(0.0)
+        half_turn = self.select(self.compare("<", x, zero), signed(math.pi), zero)
+        flat = self.add(half_turn, self.function("atan", self.divide(y, nonzero(x))))
+        steep = self.add(signed(math.pi / 2), self.minus(self.function("atan", self.divide(x, nonzero(y)))))
+        return self.select(self.compare("<", self.absolute(x), self.absolute(y)), steep, flat)
+
     def absolute(self, x: Node) -> Node:
         return self._node("abs", x)
 
