@@ -96,24 +96,30 @@ def missing_count() -> int:
 
 def find(name: str) -> Path | None:
     """Return a complete file that no other user could have written, ``None`` if there is none."""
+    found = _checked(name)
+    return None if found is None else found[0]
+
+
+def read(name: str) -> bytes | None:
+    """Return what was kept under a name, ``None`` if it is not there."""
+    found = _checked(name)
+    return None if found is None else unsealed(found[1])
+
+
+def _checked(name: str) -> tuple[Path, bytes] | None:
+    """Return a file as `find`, and the content that was checked."""
     for place in _places:
         path = place / name
         try:
             with path.open("rb") as file:
                 foreign = "" if _TRUSTS else foreign_writer(os.fstat(file.fileno()))
-                if not foreign and is_sealed(file.read()):
-                    return path
+                if not foreign and is_sealed(content := file.read()):
+                    return path, content
         except OSError:
             continue
         if foreign and MPI.COMM_WORLD.rank == 0:
             print(f"{path}: {foreign}: it is made again instead of loaded", file=sys.stderr, flush=True)
     return None
-
-
-def read(name: str) -> bytes | None:
-    """Return what was kept under a name, ``None`` if it is not there."""
-    path = find(name)
-    return None if path is None else unsealed(path.read_bytes())
 
 
 def keep(name: str, content: bytes) -> None:
