@@ -11,6 +11,7 @@ import io
 import re
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -196,6 +197,27 @@ def job_of_second_gradient(directory: Path, effect: str = "second-gradient") -> 
         "analysis": "forward",
     }
     return parse(given, directory / "job.yaml")
+
+
+@pytest.mark.usefixtures("ffcx_compiles")
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [
+        (
+            TimeoutError("JIT compilation timed out, probably due to a failed previous compile."),
+            "remove libffcx_* there",
+        ),
+        (PermissionError(13, "Permission denied"), "writable"),
+        (RuntimeError("Failed JIT compilation of form: command 'gcc' failed with exit code 1"), "Install a C compiler"),
+    ],
+)
+def test_the_remedy_is_for_what_kept_ffcx_from_compiling(
+    fault: Exception, remedy: str, tmp_path: Path, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ffcx_fallback, "jit_of_dolfinx", Mock(side_effect=fault))
+    with pytest.raises(SystemPartMissing, match="second derivatives of a function, which FFCx cannot compile") as found:
+        run(job_of_second_gradient(tmp_path, f"gradient-{len(remedy)}"), comm)
+    assert remedy in str(found.value)
 
 
 @pytest.mark.usefixtures("ffcx_compiles")

@@ -27,7 +27,8 @@ term_places: dict[str, str] = {}
 _notes: dict[str, bool] = {}
 """lines on what FFCx compiled, and whether they are new"""
 jit_of_dolfinx = dolfinx.jit.ffcx_jit
-_FAILURES = re.compile(r"CompileError|LinkError|command .* failed|JIT compilation timed out", re.DOTALL)
+_COMPILER_FAILED = re.compile(r"CompileError|LinkError|command .* failed", re.DOTALL)
+_CACHE_FAILED = re.compile(r"JIT compilation timed out|\[Errno \d+\]")
 
 
 def notes_on_ffcx() -> list[str]:
@@ -58,6 +59,10 @@ def compiled_by_ffcx(
         if shutil.which(compiler) is None:
             what = f"no C compiler '{compiler}' on {os.uname().nodename}, which is needed for {place}"
             raise SystemPartMissing(what, _REMEDY) from None
-        if _FAILURES.search(f"{type(error).__name__} {error}"):
-            raise SystemPartMissing(f"{place}, which FFCx cannot compile: {error}", _REMEDY) from None
+        text, fault = f"{type(error).__name__} {error}", f"{place}, which FFCx cannot compile: {error}"
+        if _COMPILER_FAILED.search(text):
+            raise SystemPartMissing(fault, _REMEDY) from None
+        if _CACHE_FAILED.search(text):
+            remedy = f"Make {code_cache.directory()} writable, and remove libffcx_* there if a run was killed."
+            raise SystemPartMissing(fault, remedy) from None
         raise
