@@ -42,7 +42,7 @@ def test_each_rank_owns_its_equal_part_by_metis(
     comm: MPI.Intracomm, meshes: Path, record_property: Callable[[str, object], None]
 ) -> None:
     cases = (
-        ("pdms_beam.py", {"size": "3 mm"}, 2),
+        ("pdms_beam.py", {"length": "8 cm", "size": "3 mm"}, 2),
         ("box.py", {"nx": 8, "ny": 7, "nz": 6}, 1),
         ("box.py", {"nx": 8, "ny": 7, "nz": 6, "hexahedra": True}, 2),
     )
@@ -126,7 +126,7 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
 @pytest.mark.parallel([1, 2, 3])
 def test_written_meshes_are_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     cases = (
-        ("pdms_beam.py", {"size": "4 mm"}, 2),
+        ("pdms_beam.py", {"length": "3 cm", "size": "4 mm"}, 2),
         ("box.py", {"hexahedra": True}, 2),
         ("box.py", {"lx": 1 / 3}, 1),
         ("single_tetrahedron.msh", {}, 1),

@@ -70,7 +70,7 @@ def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(
 ) -> None:
     hold = tmp_path / "hold"
     hold.touch()
-    with Started(2, "run", job, "--output", "first", cwd=tmp_path) as first:
+    with Started(1, "run", job, "--output", "first", cwd=tmp_path) as first:
         wait_for(lambda: (tmp_path / "compiled").exists())
         with Started(1, "run", job, "--output", "second", cwd=tmp_path) as second:
             wait_for(lambda: any(map(has_lock_open, second.ranks())))

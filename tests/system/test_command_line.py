@@ -138,7 +138,7 @@ def test_an_output_that_cannot_be_a_directory_is_reported(cube: Path, run_direct
 
 def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     """A limit on the size of files stands for it."""
-    job = write_job(tmp_path / "job.yaml", CUBE, mesh=CUBE["mesh"] | {"parameters": {"nx": 6, "ny": 6, "nz": 6}})
+    job = write_job(tmp_path / "job.yaml", CUBE, mesh=CUBE["mesh"] | {"parameters": {"nx": 3, "ny": 3, "nz": 3}})
     script = tmp_path / "limited.py"
     script.write_text(
         "import resource, sys\n"
@@ -199,7 +199,7 @@ def test_failure_on_one_rank_ends_all_within_seconds(
     script = tmp_path / "script.py"
     script.write_text(ON_RANK_1.format(action=action))
     begin = time.monotonic()
-    done = hpcinv(3, "run", cube, cwd=tmp_path, script=script)
+    done = hpcinv(2, "run", cube, cwd=tmp_path, script=script)
     assert time.monotonic() - begin < 30
     assert done.returncode == code, done.stderr
     assert text in done.stderr

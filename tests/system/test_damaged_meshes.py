@@ -208,7 +208,7 @@ def test_a_changed_byte_of_a_partitioned_mesh_is_reported_before_adios2_meets_it
 
     made = run("mesh", "partition", meshes / "box.py", whole, "--parts", 2, "--parameter", "nx=2")
     assert made.returncode == 0, made.stderr
-    for name, place in (("md.idx", 30), ("md.idx", -8), ("md.0", 40)):
+    for name, place in (("md.idx", -8), ("md.0", 40)):
         content = bytearray((whole / name).read_bytes())
         content[place] ^= 0x10
         original = (whole / name).read_bytes()

@@ -51,7 +51,7 @@ def test_the_message_names_the_option_and_the_next_job_is_free_of_it(solver: dic
     assert solved(run(load({**block, "solver": {"petsc": {"snes_max_it": 100}}}), MPI.COMM_SELF))
 
 
-@pytest.mark.everyday("LDL-petsc", "LDL-superlu-1", "LDL-superlu_dist-2")
+@pytest.mark.everyday("LDL-petsc-1", "LDL-superlu-1", "LDL-superlu_dist-2")
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("package", ["mumps", "petsc", "superlu", "superlu_dist"])
 @pytest.mark.parametrize("analysis", ["forward", "inverse"], ids=["LDL", "LU"])

@@ -22,7 +22,7 @@ def files(directory: Path) -> set[str]:
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A job, and a cache that was compiled and that a run on two ranks has filled."""
+    """A job, and a cache that was compiled and that a run has filled."""
     here = tmp_path_factory.mktemp("filled")
     job, cache = write_job(here / "job.yaml", JOB), here / "cache"
     done = hpcinv(1, "compile", job, "--cache", cache, cwd=here)
@@ -30,7 +30,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     assert f"{job}: nothing to compile; its first run makes programs in about a second" in done.stdout
     assert f"hpcinv's C code is in {cache}" in done.stdout
     code = files(cache)
-    done = hpcinv(2, "run", job, "--output", "first", cwd=here, HPCINV_KERNELS=str(cache))
+    done = hpcinv(1, "run", job, "--output", "first", cwd=here, HPCINV_KERNELS=str(cache))
     assert done.returncode == 0, done.stderr
     assert code < files(cache)
     return job, cache

@@ -218,7 +218,7 @@ def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path)
             assert second.stderr.count("this directory is in use by another run: process ") == 1
             assert first.mpirun.poll() is None
         first.kill()  # whose lock ends with it
-    with Started(2, "resume", "run", cwd=tmp_path) as resumed:
+    with Started(1, "resume", "run", cwd=tmp_path) as resumed:
         resumed.wait_for("resumed from")
         third = hpcinv_here("resume", "run", cwd=tmp_path)
         assert third.returncode == 2, third.stdout + third.stderr

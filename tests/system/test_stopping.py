@@ -278,7 +278,7 @@ def test_a_plugin_that_replaces_the_process_fails_the_run(tmp_path: Path) -> Non
     assert "os.execv has ended the process before the command was done" in ended.stderr
 
 
-@pytest.mark.everyday("run-2", "validate-1")
+@pytest.mark.everyday("run-1", "validate-1")
 @pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])
 def test_a_lack_of_memory_is_reported_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
     """Of NumPy, in code of a job."""

@@ -217,7 +217,7 @@ def test_all_that_is_refused_is_reported_at_once(elsewhere: Path, marker: Path, 
     for sections, _, _ in DOORS.values():
         changes |= sections
     job = job_with(elsewhere, marker, changes)
-    done = hpcinv(2, "run", "--untrusted", job, "--output", "results", cwd=tmp_path)
+    done = hpcinv_here("run", "--untrusted", job, "--output", "results", cwd=tmp_path)
     assert done.returncode == 2
     for key in ("plugins[0]", "mesh.file", "expected_shape.file", "solver.petsc.snes_view"):
         assert done.stderr.count(f"{job}: {key}: ") == 1, done.stderr

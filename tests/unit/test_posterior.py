@@ -42,7 +42,7 @@ def test_simulation_based_calibration() -> None:
     """Ranks of the true parameters among samples are uniform (Talts et al. 2018, arXiv:1804.06788)."""
     random = np.random.default_rng(7)
     ranks, acceptance = [], []
-    for seed in range(80):
+    for seed in range(50):
         values, data = draw(random)
         posterior = sample(target(data), 39, seed, steps=150)
         ranks.append((posterior.samples < values).sum(axis=0))

@@ -178,7 +178,7 @@ def test_lands_ventricle_by_its_volume() -> None:
     land = ROOT / "benchmarks" / "published" / "land" / "problem-2.yaml"
     by_pressure = hpcinv.load(land).with_(
         {
-            "mesh.parameters": {"across": 1, "around": 8, "along": 6},
+            "mesh.parameters": {"across": 1, "around": 8, "along": 4},
             "discretisation.displacement": 2,
             "cavities": {"hole": {"surface": "endo", "lid": {"apex": [0, 0, "5 mm"]}}},
             "quantities": VOLUMES,

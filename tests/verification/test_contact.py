@@ -72,7 +72,7 @@ def standing(comm: MPI.Intracomm, directory: Path | None = None, **changes: Any)
 LAYER = {"stiffness": "1 MPa/m"}
 
 
-@pytest.mark.parallel([1, 3])
+@pytest.mark.parallel([1, 3, 2])
 def test_block_stands_on_its_weight_there_and_back(comm: MPI.Intracomm, run_directory: Path) -> None:
     forward = standing(comm, run_directory / "there")
     contact = forward.solutions[0].contacts[0]

@@ -60,7 +60,7 @@ def test_tip_converges_and_to_what_beam_theory_gives(comm: MPI.Intracomm) -> Non
 
 @pytest.mark.parallel([1, 2, 3])
 def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Intracomm) -> None:
-    result = beam("4 mm", comm, analysis="round_trip", first="forward")
+    result = beam("5.5 mm", comm, analysis="round_trip", first="forward")
     print(f"{comm.size} rank(s): round trip closes to {result.errors['round_trip']['max']:.1e} m")
     assert result.errors["round_trip"]["max"] < 1e-9 * LENGTH
     assert result.solutions[0].factorizations <= 9
@@ -68,12 +68,12 @@ def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Int
     # The same shape from one rank alone.
     nodes = reorder_to_source(result.body, result.shape)
     if comm.rank == 0 and comm.size > 1:
-        alone = beam("4 mm", MPI.COMM_SELF)
+        alone = beam("5.5 mm", MPI.COMM_SELF)
         assert np.abs(nodes - reorder_to_source(alone.body, alone.shape)).max() < 1e-9
 
 
 def test_shipped_shape_gives_the_straight_beam(comm: MPI.Intracomm) -> None:
-    result = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "pdms-beam.yaml"), comm)
+    result = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "pdms-beam.yaml").with_({"certificate": "off"}), comm)
     assert result.errors["expected_shape"]["relative"] < 1e-9
     assert abs(result.quantities["out-of-round"]) < 1e-9 * LENGTH
     assert result.quantities["length"] == pytest.approx(LENGTH, rel=1e-9)

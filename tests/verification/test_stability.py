@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE, ROOT, hpcinv_here, write_job
-from helpers.command_line import hpcinv as command
 from helpers.verification import box, job
 from petsc4py import PETSc
 
@@ -376,7 +375,7 @@ def test_undecided_verdict_on_screen_in_the_summary_and_in_the_exit_code(tmp_pat
     path = write_job(tmp_path / "block.yaml", data)
     for ended, code in (
         (hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path), 0),
-        (command(1, "run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path), 7),
+        (hpcinv_here("run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path), 7),
     ):
         assert ended.returncode == code, ended.stdout + ended.stderr
         assert "certificate: not decided" in ended.stdout

@@ -24,7 +24,7 @@ import ctypes, os, runpy, time
 def build(gmsh, *, how: str = "", once: str = ""):
     if once and not os.path.exists(once):
         open(once, "w").close()
-        os.abort()
+        ctypes.string_at(0)
     match how:
         case "SIGSEGV":
             ctypes.string_at(0)
@@ -68,7 +68,7 @@ def statuses(sweep: Path) -> list[str]:
 
 @pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), pytest.param(2, 2, marks=pytest.mark.release)])
 def test_cases_that_crash_are_reported_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
-    how = ["SIGSEGV", "exit 0"] if per_case == 1 else ["SIGSEGV", "abort", "exit 0", "MPI_Abort"]
+    how = ["exit 0"] if per_case == 1 else ["SIGSEGV", "abort", "exit 0", "MPI_Abort"]
     sweep = crashing(tmp_path, how, good=2)
     ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
@@ -95,7 +95,7 @@ def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}], job={**BLOCK, "mesh": mesh})
     ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert "case 0, mu 8000: crashed its process (ended by SIGABRT)" in ended.stdout
+    assert "case 0, mu 8000: crashed its process (ended by SIGSEGV)" in ended.stdout
     (record,) = records_of(sweep).values()
     assert record is not None
     assert record.attempts == 2
@@ -104,12 +104,25 @@ def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
 def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> None:
     """The system may have been out of memory because of a neighbour."""
     sweep = crashing(tmp_path, ["killed"], good=1)
+    die_with(sweep, 1, DEADLY - 2, supervised=False)
     ended = hpcinv(1, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
+    assert ended.stdout.count("crashed its process (ended by SIGKILL)") >= 2
     good, killed = statuses(sweep)
     assert good == "converged"
     # On a busy machine the other rank may take the case between its fifth death and the record of that.
     assert re.fullmatch("the process that ran it was killed [56] times", killed)
+
+
+def die_with(sweep: Path, number: int, times: int, *, supervised: bool) -> None:
+    """Let so many processes have ended that had claimed a case."""
+    plan = load_sweep(sweep)
+    for _ in range(times):
+        dead = subprocess.Popen(["true"])
+        with Holder(plan.store) as holder:
+            holder.identity = dataclasses.replace(holder.identity, pid=dead.pid, token=f"dead-{dead.pid}")
+            dead.wait()
+            assert Ledger(plan.store, holder, supervised=supervised).claim(plan.cases[number].key) is not None
 
 
 @pytest.mark.parametrize(("supervised", "solved"), [(True, True), (False, False)])
@@ -118,34 +131,28 @@ def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
 ) -> None:
     """A supervisor would have reported only that the process died."""
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": [8000]}}])
-    plan = load_sweep(sweep)
-    for _ in range(DEADLY + 2):
-        dead = subprocess.Popen(["true"])
-        with Holder(plan.store) as holder:
-            holder.identity = dataclasses.replace(holder.identity, pid=dead.pid, token=f"dead-{dead.pid}")
-            dead.wait()
-            assert Ledger(plan.store, holder, supervised=supervised).claim(plan.cases[0].key) is not None
+    die_with(sweep, 0, DEADLY + 2, supervised=supervised)
     ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == (0 if solved else 3), ended.stdout + ended.stderr
     assert statuses(sweep) == ["converged" if solved else "the process that ran it was killed 7 times"]
 
 
 def test_cases_that_take_too_long_are_reported_and_all_others_are_solved(tmp_path: Path) -> None:
-    """One that can stop itself at the next step, and two that cannot."""
-    sweep = crashing(tmp_path, ["loop", "stuck"], good=1, limit="2 s")
+    """One that can stop itself at the next step, and one that cannot."""
+    sweep = crashing(tmp_path, ["stuck"], good=1, limit="2 s")
     content = sweep.read_text().replace("- 8000", "- 8000\n          solver: [{strategy: fixed, steps: 4000}, {}]")
     sweep.write_text(content)
     begun = time.monotonic()
     ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
     status_by_case = statuses(sweep)
-    assert status_by_case.count("took longer than its limit of 2.0 s") == 3, ended.stdout
+    assert status_by_case.count("took longer than its limit of 2.0 s") == 2, ended.stdout
     assert status_by_case.count("converged") == 1
-    assert ended.stdout.count("and did not stop: its process was killed") == 2
-    assert "3 × took longer than its limit of 2.0 s" in ended.stdout
+    assert ended.stdout.count("and did not stop: its process was killed") == 1
+    assert "2 × took longer than its limit of 2.0 s" in ended.stdout
     assert time.monotonic() - begun < 100
     retried = hpcinv_here("sweep", "retry", "--failed", sweep, cwd=tmp_path)
-    assert "3 failed cases are open again" in retried.stdout
+    assert "2 failed cases are open again" in retried.stdout
 
 
 @pytest.mark.parametrize("limit", ["0 s", "-1 min", "10 mm", "soon"])

@@ -108,20 +108,20 @@ def test_processes_that_contend_do_each_case_once(workers: Workers, manners: lis
 def test_processes_killed_at_any_moment_lose_and_repeat_nothing(workers: Workers) -> None:
     """Each of the first before a drawn file operation, or earlier at a drawn time; the lease is far too long to matter.
 
-    No process gets far enough that the cases could be finished without 30 kills, however fast the others are.
+    No process gets far enough that the cases could be finished without 18 kills, however fast the others are.
     """
-    drawn, keys, killed = random.Random(5), keys_of(220), 0
+    drawn, keys, killed = random.Random(5), keys_of(130), 0
     logs: dict[int, Path] = {}
     reader = Ledger(workers.store, Holder(workers.store))
     while any(state.name != "finished" for state in reader.states(keys).values()):
         while len(workers.running) < 3:
-            dies = ["--die", drawn.randint(8, 45)] if killed < 40 else []
+            dies = ["--die", drawn.randint(8, 45)] if killed < 24 else []
             log = workers.start(*keys, "--work", 0.01, *dies)
             logs[workers.running[-1].pid] = log
         time.sleep(drawn.uniform(0, 0.04))
         victim = drawn.choice(workers.running)
         if (
-            killed < 40
+            killed < 24
             and drawn.random() < 0.3
             and logs[victim.pid].exists()
             and "begin" in logs[victim.pid].read_text()
@@ -133,9 +133,9 @@ def test_processes_killed_at_any_moment_lose_and_repeat_nothing(workers: Workers
             killed += process.returncode != 0
     assert all(code in (0, -signal.SIGKILL) for code in workers.wait())
     print(killed, "killed")
-    assert killed >= 30
+    assert killed >= 18
     records = check(workers, keys)
-    assert sum(record.attempts - 1 for record in records.values()) >= 10  # deaths while they had a case
+    assert sum(record.attempts - 1 for record in records.values()) >= 6  # deaths while they had a case
     for record in records.values():  # what was saved before a kill was there afterwards
         steps = list(map(int, record.statistics["steps"]))
         assert steps == sorted(set(steps))

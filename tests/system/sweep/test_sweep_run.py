@@ -26,7 +26,7 @@ from hpcinv.studies.batch.ledger.holder import Holder
 from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.sweep.sweep_plan import load_sweep
 
-GRID = [{"grid": {"material.mu": ["8 kPa", "10 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
+GRID = [{"grid": {"material.mu": ["8 kPa", "14 kPa"], "effects[0].density": [100, 200]}}]
 
 
 def top(record: CaseRecord | None) -> float:
@@ -63,8 +63,8 @@ def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int,
     sweep = write_sweep(tmp_path, GRID)
     ended = hpcinv(ranks, "sweep", "run", sweep, "--ranks-per-case", per_case, cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    assert sorted(re.findall(r"(?<!first: )case (\d+), ", ended.stdout)) == [str(i) for i in range(6)]
-    assert "converged: 6" in ended.stdout
+    assert sorted(re.findall(r"(?<!first: )case (\d+), ", ended.stdout)) == [str(i) for i in range(4)]
+    assert "converged: 4" in ended.stdout
     records = records_of(sweep)
     for number, record in records.items():
         assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
@@ -215,7 +215,7 @@ def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 8}])
     with (
         Started(1, "sweep", "run", sweep, "--shard", "1/2", cwd=tmp_path) as first,
-        Started(2, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
+        Started(1, "sweep", "run", sweep, "--shard", "2/2", cwd=tmp_path) as two,
     ):
         assert first.exit_code() == 0, first.text
         assert two.exit_code() == 0, two.text
@@ -240,7 +240,7 @@ def test_the_case_of_a_vanished_node_is_taken_over_after_the_lease(
     ended = hpcinv_here("sweep", "run", sweep, "--lease", 2, "--no-isolation", cwd=tmp_path)
     assert time.monotonic() - begun > 2
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert sorted(re.findall(r"(?<!first: )case (\d+), ", ended.stdout)) == [str(i) for i in range(6)]
+    assert sorted(re.findall(r"(?<!first: )case (\d+), ", ended.stdout)) == [str(i) for i in range(4)]
     record = records_of(sweep)[3]
     assert record is not None
     assert record.attempts == 2
@@ -282,18 +282,18 @@ def test_a_full_disk_is_reported_and_the_same_command_goes_on(tmp_path: Path) ->
     if mounted.returncode:
         pytest.skip(f"no small file system can be mounted here: {mounted.stderr.strip()}")
     try:
-        sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 20}])
+        sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 14}])
         full = hpcinv(1, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
         assert full.returncode == 2, full.stdout + full.stderr
         assert "No space left" in full.stderr
         assert "Traceback" not in full.stderr, full.stderr
         done = re.findall(r"(?<!first: )case (\d+), ", full.stdout)
-        assert 0 < len(done) < 20
+        assert 0 < len(done) < 14
         subprocess.run(["mount", "-o", "remount,size=20m", str(store)], check=True)
         ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
         assert ended.returncode == 0, ended.stderr
         again = re.findall(r"(?<!first: )case (\d+), ", ended.stdout)
-        assert sorted(done + again, key=int) == [str(i) for i in range(20)]
+        assert sorted(done + again, key=int) == [str(i) for i in range(14)]
     finally:
         subprocess.run(["umount", str(store)], check=True)
 
@@ -351,7 +351,7 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
     A hundred of them: benchmarks/sweep_kills.py.
     """
     chance = random.Random(5)
-    steps, count = {"strategy": "fixed", "steps": 20}, 14
+    steps, count = {"strategy": "fixed", "steps": 20}, 10
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(count)]}}], set={"solver": steps}
     )
