@@ -35,7 +35,11 @@ class Batch:
 
     def sbatch(self, *words: object, **env: str) -> str:
         """Submit a script; gives the job's id."""
-        done = self.run("sbatch", *words, **env)
+        return self.submit("sbatch", *words, **env)
+
+    def submit(self, *command: object, **env: str) -> str:
+        """Type a command that submits a script; gives the job's id."""
+        done = self.run(*command, **env)
         assert done.returncode == 0, done.stderr
         return self.watch(done.stdout)[0]
 

@@ -48,6 +48,8 @@ SelectTypeParameters=CR_CPU
 MpiDefault=none
 SwitchType=switch/none
 PropagateResourceLimits=NONE
+# Jobs have the niceness of their sbatch.
+PropagatePrioProcess=1
 SlurmdParameters=config_overrides
 MailProg=/bin/true
 ReturnToService=2

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.batch import Batch
 from helpers.cluster import Unavailable, cluster
+from helpers.slow_jobs import submit_slowly
 
 
 @pytest.fixture(scope="session")
@@ -25,4 +26,15 @@ def batch(slurm: dict[str, str], tmp_path: Path) -> Iterator[Batch]:
     """A user of the cluster in a directory of their own, whose jobs end with the test."""
     user = Batch(slurm, tmp_path)
     yield user
+    user.cancel()
+
+
+@pytest.fixture(scope="session")
+def limited(slurm: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Batch, str]]:
+    """A job and its id, which Slurm stops ahead of its limit of a minute.
+
+    Tests of sweeps ask for it, too, so that this minute passes while they wait for something else.
+    """
+    user = Batch(slurm, tmp_path_factory.mktemp("limited"))
+    yield user, submit_slowly(user, "--time=1", "--signal=B:USR1@45")
     user.cancel()

@@ -1,60 +1,15 @@
-"""Single jobs under a real Slurm: time limit and requeue, scancel and resume, launchers; as a user types it."""
+"""Single jobs under a real Slurm: preemption, scancel and resume, launchers; as a user types it."""
 
 from __future__ import annotations
 
 import json
-from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import pytest
 from helpers.batch import Batch
 from helpers.cluster import CPUS
-from helpers.command_line import CUBE, ROOT, write_job
+from helpers.slow_jobs import JOB, assert_finished, submit_slowly, write
 
 pytestmark = pytest.mark.slurm
-
-JOB = ROOT / "slurm" / "job.sbatch"
-# Of the sheared unit cube: mu/2 k², with k = 0.1.
-STRAIN_ENERGY = 1e6 / 2.6 / 2 * 0.1**2
-
-
-def write(path: Path, steps: int) -> None:
-    write_job(path, CUBE, solver={"strategy": "fixed", "steps": steps}, output={"fields": False, "mesh": []})
-
-
-def submit_slowly(batch: Batch, *words: object, **env: str) -> str:
-    """Start a job of thousands of steps on two ranks; when it is resumed, it will take large ones."""
-    write(batch.place / "cube.yaml", 10_000)
-    job = batch.sbatch("--ntasks=2", *words, JOB, "cube.yaml", "cube", **env)
-    batch.wait_for("  load 0.0002:", job)
-    write(batch.place / "cube.yaml", 10)
-    return job
-
-
-def assert_finished(run: Path) -> list[float]:
-    """The result equals an uninterrupted run's, and no step was taken twice; return all loads."""
-    summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
-    (solution,) = summary["solutions"]
-    loads = [solve["load"] for solve in solution["solves"]]
-    assert summary["status"] == "converged"
-    assert summary["machine"]["ranks"] == 2
-    assert solution["strain_energy"] == pytest.approx(STRAIN_ENERGY, rel=1e-12)
-    assert all(earlier < later for earlier, later in pairwise(loads))
-    assert loads[:2] == [1e-4, 2e-4]
-    assert loads[-1] == 1.0
-    return loads
-
-
-def test_at_its_time_limit_a_job_saves_its_state_and_is_requeued_until_it_is_done(batch: Batch) -> None:
-    job = submit_slowly(batch, "--time=1", "--signal=B:USR1@45")
-    batch.wait(job)
-    (facts,) = batch.facts(job)
-    assert facts["JobState"] == "COMPLETED", batch.outputs()
-    assert int(facts["Restarts"]) >= 1
-    assert "stopped by a signal" in batch.outputs()
-    assert f"job {job}: has saved its state, and is requeued to go on" in batch.outputs()
-    assert len(assert_finished(batch.place / "cube")) < 10_000
 
 
 @pytest.mark.release

@@ -56,6 +56,7 @@ def assert_collected(batch: Batch, collect: str) -> None:
     assert (batch.place / "results" / "stiffness" / "table.h5").exists()
 
 
+@pytest.mark.usefixtures("limited")
 def test_tasks_of_an_array_share_the_cases_and_one_of_them_is_requeued_alone(batch: Batch) -> None:
     run, collect = submitted(batch, "--ntasks", 1, "--array", 2)
     batch.until(lambda: len(logs(batch)) == 2 and all(map(solved, logs(batch))))
@@ -67,6 +68,7 @@ def test_tasks_of_an_array_share_the_cases_and_one_of_them_is_requeued_alone(bat
     assert_collected(batch, collect)
 
 
+@pytest.mark.usefixtures("limited")
 def test_a_sweep_that_is_stopped_ahead_of_its_limit_goes_on_when_it_is_requeued(batch: Batch) -> None:
     run, collect = submitted(batch, "--ntasks", 2, "--time", 5, "--lead", 30)
     batch.wait_for("case ", run)
