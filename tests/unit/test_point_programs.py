@@ -24,6 +24,7 @@ from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.physics.points import array_interpreter, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.point_values import PointKernel
 from hpcinv.physics.points.program import Program
 from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
@@ -87,6 +88,27 @@ def test_functions_and_their_slopes_are_those_of_ufl(name: str) -> None:
         assert slopes_there[c, q] == pytest.approx(
             (exact(at + step) - exact(at - step)) / (2 * step), rel=1e-7, abs=1e-7
         )
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 8, 9, 17])
+def test_cells_that_are_evaluated_together_have_their_own_values(count: int) -> None:
+    """Of 4 or 8 points blocks of the interpreter have several cells, the last of which may not fill one."""
+    points = np.random.default_rng(count).dirichlet(np.ones(4), size=count)[:, :3]
+    u, c = fem.Function(fem.functionspace(CUBE, ("P", 2, (3,)))), fem.Constant(CUBE, np.array([0.7, 1.3]))
+    u.interpolate(lambda x: (x[0] * x[1], np.sin(x[2]), x[0] + x[1] ** 2))
+    x = ufl.SpatialCoordinate(CUBE)
+    expression = ufl.as_vector([c[1] * ufl.exp(u[0]) + x[2], ufl.grad(u)[1, 2] / c[0], ufl.det(ufl.grad(u)), 4.0])
+    alone = fem.Expression(expression, points)
+    sources = Sources([u], [c])
+    program = Integrand(CUBE.ufl_domain(), Tables(points), sources).expression(expression)
+    for cells in (
+        np.array(chosen, dtype=np.int32) for chosen in ([], [2], [4, 0, 3], [0, 1, 2, 3, 4], [5, 4, 3, 2, 1, 0])
+    ):
+        expected = alone.eval(CUBE, cells)
+        programs = Programs.of_expression(program, sources.used)
+        assert np.array_equal(PointKernel(programs, [u], [c]).eval(CUBE, cells), expected)
+        with without_compiler():
+            np.testing.assert_allclose(PointKernel(programs, [u], [c]).eval(CUBE, cells), expected, 1e-12, 1e-13)
 
 
 def test_coefficients_are_refused_of_what_is_not_linear() -> None:

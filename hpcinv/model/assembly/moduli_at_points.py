@@ -99,7 +99,7 @@ def _at_points(form: Any, unknowns: Unknowns, degrees: Sequence[int | None]) -> 
         except NotAnalytic as reason:
             raise UnsupportedForm(str(reason)) from None
         pairs = tuple((slots[i], slots[j]) for i, j in kept.notes)
-        found.append((part.cells, pairs, PointKernel(kept, points, mesh.ufl_domain(), functions, constants)))
+        found.append((part.cells, pairs, PointKernel(kept, functions, constants)))
     return [
         [ModuliAtPoints(cells, *rule, pairs, kernel, int(first)) for cells, pairs, kernel in found]
         for rule, first in zip(rules, firsts, strict=False)

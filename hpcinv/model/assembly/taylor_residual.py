@@ -269,7 +269,7 @@ def _inputs(integral: _Integral, domain: _Domain, weak_form: WeakForm) -> PointK
 
     description = b"inputs " + _description(weak_form) + domain.points.tobytes() + integral.key
     kept = kept_programs(mesh.comm, description, make)
-    return PointKernel(kept, domain.points, mesh.ufl_domain(), functions, constants)
+    return PointKernel(kept, functions, constants)
 
 
 @dataclass(frozen=True)

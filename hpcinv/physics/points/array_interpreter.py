@@ -82,15 +82,18 @@ class ArrayKernel:
         self._function = _FUNCTION(self._add)
         self.address = ctypes.cast(self._function, ctypes.c_void_p).value
 
-    def evaluate(self, w: Doubles, constants: Doubles, x: Doubles, facets: npt.NDArray[np.int32]) -> Doubles:
+    def evaluate(
+        self, w: Doubles, constants: Doubles, x: Doubles, facets: npt.NDArray[np.int32] | None = None
+    ) -> Doubles:
         """Return what the programs make of some cells (cells, `size`).
 
         Args:
             w: nodal values of the functions (cells, any number).
             x: coordinates of the nodes (cells, 3 nodes).
-            facets: local numbers of the facets (cells,); zeros for cells.
+            facets: local numbers of the facets (cells,); ``None`` for cells.
         """
         results = np.zeros((len(x), self.size))
+        facets = np.zeros(len(x), dtype=np.int32) if facets is None else facets
         for facet in np.unique(facets):
             chosen = np.flatnonzero(facets == facet)
             part = np.zeros((len(chosen), self.size))

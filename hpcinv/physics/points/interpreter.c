@@ -49,15 +49,22 @@ typedef struct {
   const program *programs;
 } kernel;
 
+/* Cells of a block of points, and distances from one to the next in nodal values, coordinates and results. */
+typedef struct {
+  int count;
+  int64_t w, x, A;
+} together;
+
 #define EACH for (int p = 0; p < LANES; p++)
 #define MAPPED(NAME, f) case NAME: EACH y[p] = f(a[p]); break;
 #define SLOT(i) (slots + (int64_t)(i) * LANES)
 
-static inline __attribute__((always_inline)) void run(const int LANES, const program *g, int block, const double *w,
-                                                      const double *constants, const double *nodes,
+static inline __attribute__((always_inline)) void run(const int LANES, const program *g, int block, together cells,
+                                                      const double *w, const double *constants, const double *nodes,
                                                       const double *tables) {
+  const int own = LANES / cells.count;
   double *slots = g->slots;
-  const int64_t padded = (int64_t)g->blocks * LANES;
+  const int64_t padded = (int64_t)g->blocks * own;
   for (int k = 0; k < g->operations; k++) {
     const int32_t *row = g->rows[k];
     double *restrict y = SLOT(row[4]);
@@ -67,10 +74,19 @@ static inline __attribute__((always_inline)) void run(const int LANES, const pro
       const gather *s = g->gathers + row[1];
       const double *table = tables + s->table * padded + block * LANES;
       if (s->source == 2) {
-        EACH y[p] = table[p];
+        EACH y[p] = table[p % own];
         break;
       }
       const double *values = (s->source ? nodes : w) + s->offset;
+      if (cells.count > 1) {
+        for (int n = 0; n < cells.count; n++, values += s->source ? cells.x : cells.w)
+          for (int p = 0; p < own; p++) {
+            double sum = 0;
+            for (int i = 0; i < s->count; i++) sum += values[(int64_t)i * s->stride] * table[i * padded + p];
+            y[n * own + p] = sum;
+          }
+        break;
+      }
       double sum[LANES];
       EACH sum[p] = 0;
       for (int i = 0; i < s->count; i++, table += padded) {
@@ -105,15 +121,16 @@ static inline __attribute__((always_inline)) void run(const int LANES, const pro
 }
 
 /* Add the outputs of a block of points to the values of an expression, or to an element's number, vector or matrix. */
-static inline __attribute__((always_inline)) void add(const int LANES, const program *g, int block, double *A,
-                                                      const double *tables) {
+static inline __attribute__((always_inline)) void add(const int LANES, const program *g, int block, together cells,
+                                                      double *A, const double *tables) {
   const double *slots = g->slots;
   const int64_t padded = (int64_t)g->blocks * LANES;
   for (int o = 0; o < g->outputs; o++) {
     const double *v = SLOT(g->results[o].slot);
     if (g->rank < 0) {
-      for (int p = 0; p < LANES && block * LANES + p < g->points; p++)
-        A[((int64_t)block * LANES + p) * g->width + g->results[o].row] = v[p];
+      for (int n = 0, own = LANES / cells.count; n < cells.count; n++)
+        for (int p = 0; p < own && block * own + p < g->points; p++)
+          A[n * cells.A + ((int64_t)block * own + p) * g->width + g->results[o].row] = v[n * own + p];
       continue;
     }
     if (g->rank == 0) {
@@ -158,21 +175,41 @@ static inline __attribute__((always_inline)) void add(const int LANES, const pro
   }
 }
 
-static inline __attribute__((always_inline)) void blocks(const int LANES, const program *g, double *A, const double *w,
-                                                         const double *c, const double *x, const double *tables) {
+static inline __attribute__((always_inline)) void blocks(const int LANES, const program *g, together cells, double *A,
+                                                         const double *w, const double *c, const double *x,
+                                                         const double *tables) {
   for (int block = 0; block < g->blocks; block++) {
-    run(LANES, g, block, w, c, x, tables);
-    add(LANES, g, block, A, tables);
+    run(LANES, g, block, cells, w, c, x, tables);
+    add(LANES, g, block, cells, A, tables);
   }
+}
+
+static const together ONE = {1, 0, 0, 0};
+
+static void __attribute__((noinline)) blocks_of_16(const program *g, together cells, double *A, const double *w,
+                                                   const double *c, const double *x, const double *tables) {
+  blocks(16, g, cells, A, w, c, x, tables);
 }
 
 static void __attribute__((noinline)) tabulate(const kernel *k, double *A, const double *w, const double *c,
                                                const double *x, const int *entity) {
   for (const program *g = k->programs; g < k->programs + k->count; g++) {
     const double *tables = g->tables + (g->entity_size ? g->entity_size * *entity : 0);
-    if (g->lanes == 4) blocks(4, g, A, w, c, x, tables);
-    else if (g->lanes == 8) blocks(8, g, A, w, c, x, tables);
-    else blocks(16, g, A, w, c, x, tables);
+    if (g->lanes == 4) blocks(4, g, ONE, A, w, c, x, tables);
+    else if (g->lanes == 8) blocks(8, g, ONE, A, w, c, x, tables);
+    else blocks_of_16(g, ONE, A, w, c, x, tables);
+  }
+}
+
+/* Values of an expression on cells, whose nodal values, coordinates and results follow each other. */
+void values_of_cells(const kernel *k, int64_t count, together cells, const double *w, const double *c, const double *x,
+                     double *A) {
+  const program *g = k->programs;
+  const int most = g->blocks == 1 ? 16 / g->lanes : 1;
+  for (int64_t n = 0; n < count; n += cells.count, w += cells.count * cells.w, x += cells.count * cells.x) {
+    cells.count = count - n >= most ? most : 1;
+    if (cells.count > 1) blocks_of_16(g, cells, A + n * cells.A, w, c, x, g->tables);
+    else tabulate(k, A + n * cells.A, w, c, x, 0);
   }
 }
 

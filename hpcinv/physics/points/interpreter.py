@@ -16,10 +16,13 @@ import numpy as np
 from hpcinv.base.parallel.c_code import NoLibrary, compile_library
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.points.array_interpreter import ArrayKernel, Place
-from hpcinv.physics.points.program import Program
+from hpcinv.physics.points.program import Doubles, Program
 
 _MOST = 1024
 """kernels that one copy of the interpreter can have at a time: `functions` of interpreter.c"""
+
+_BLOCK = 16
+"""points of several cells that the interpreter does at once: `values_of_cells` of interpreter.c"""
 
 _OPTIMISATION = "-O2", "-ftree-vectorize", "-fvect-cost-model=unlimited"
 """-O3 takes 1.5 times as long to compile, and the interpreter then 1.4 times as long"""
@@ -37,6 +40,10 @@ class _Program(ctypes.Structure):
 
 class _Kernel(ctypes.Structure):
     _fields_ = (("count", ctypes.c_int32), ("programs", ctypes.POINTER(_Program)))
+
+
+class _Cells(ctypes.Structure):
+    _fields_ = (("count", ctypes.c_int), *((name, ctypes.c_int64) for name in ("w", "x", "A")))
 
 
 def kernel_of(programs: Sequence[Program], place: Place) -> Kernel | ArrayKernel:
@@ -72,10 +79,15 @@ class Kernel:
 
     Attributes:
         address: of the function that runs them.
+        size: values of an expression in a cell.
+        chunk: cells whose nodal values are given at once.
     """
+
+    chunk = 512
 
     def __init__(self, programs: Sequence[Program]) -> None:
         library, number = _take_function()
+        self._library, self.size = library, programs[0].points * programs[0].width
         self._kept: list[Any] = []
         structures = (_Program * len(programs))(*map(self._structure, programs))
         self._kernel = _Kernel(len(programs), structures)
@@ -83,10 +95,25 @@ class Kernel:
         self.address = (ctypes.c_void_p * _MOST).in_dll(library, "functions")[number]
         weakref.finalize(self, _free.append, (library, number))
 
+    def evaluate(self, w: Doubles, constants: Doubles, x: Doubles) -> Doubles:
+        """Return the values of an expression on some cells (cells, `size`).
+
+        Args:
+            w: nodal values of the functions (cells, any number).
+            x: coordinates of the nodes (cells, 3 nodes).
+        """
+        values = np.empty((len(x), self.size))
+        arrays = [np.ascontiguousarray(array) for array in (w, constants, x, values)]
+        steps = _Cells(1, w.shape[1], x.shape[1], self.size)
+        addresses = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+        self._library.values_of_cells(ctypes.byref(self._kernel), ctypes.c_int64(len(x)), steps, *addresses)
+        return values
+
     def _structure(self, program: Program) -> _Program:
         lanes, columns = program.lanes, (program.columns + 3) & ~3
         data = program.rows, program.gathers, program.bases, program.results, program.numbers, program.tables
-        room = program.places, np.empty(program.slots * lanes), np.empty(columns * lanes)
+        together = _BLOCK if program.rank < 0 else lanes  # points of several cells
+        room = program.places, np.empty(program.slots * together), np.empty(columns * lanes)
         arrays = [np.ascontiguousarray(array) for array in (*data, *room)]
         self._kept += arrays
         pointers = [array.ctypes.data for array in arrays]

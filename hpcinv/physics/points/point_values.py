@@ -1,4 +1,4 @@
-"""Expressions and moduli at points of cells, which later processes find without UFL."""
+"""Values of programs at points of cells, which later processes find without UFL."""
 
 from __future__ import annotations
 
@@ -6,39 +6,43 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import cpp, fem
 
-from hpcinv.physics.points.kernels import Structures
+from hpcinv.physics.points.array_interpreter import EXPRESSION
+from hpcinv.physics.points.interpreter import kernel_of
+from hpcinv.physics.points.program import Doubles, Integers
 from hpcinv.physics.points.program_files import Programs
 
 
-class PointKernel(fem.Expression):  # type: ignore[misc]  # without types
+class PointKernel:
     """Programs of an expression at points of the reference cell.
 
     Args:
-        mesh: in UFL.
         functions, constants: all of the form or expression of which the programs were made.
     """
 
-    def __init__(
-        self,
-        programs: Programs,
-        points: npt.NDArray[np.float64],
-        mesh: Any,
-        functions: Sequence[Any],
-        constants: Sequence[Any],
-    ) -> None:
-        self._made = Structures()
+    def __init__(self, programs: Programs, functions: Sequence[Any], constants: Sequence[Any]) -> None:
         (integral,) = programs.integrals
-        shape = (integral.programs[0].width,)
-        self._ufcx_expression = self._made.expression(programs, points, shape, len(constants), mesh)
-        self._argument_space = None
-        ffi = self._made.ffi
-        self._cpp_object = cpp.fem.create_expression_float64(
-            ffi.cast("uintptr_t", ffi.addressof(self._ufcx_expression)),
-            [functions[i]._cpp_object for i in programs.functions],
-            [constant._cpp_object for constant in constants],
-            [],
-            None,
-        )
+        (program,) = integral.programs
+        self._kernel, self._shape = kernel_of([program], EXPRESSION), (program.points, program.width)
+        self._functions, self._constants = [functions[i] for i in programs.functions], constants
+
+    def eval(self, mesh: Any, cells: Integers) -> Doubles:
+        """Return the present values on some local cells, (cells, points, values)."""
+        constants = np.concatenate([np.zeros(0), *(constant.value.ravel() for constant in self._constants)])
+        dofs, positions = mesh.geometry.dofmaps[0], mesh.geometry.x
+        values = np.empty((len(cells), *self._shape))
+        for start in range(0, len(cells), self._kernel.chunk):
+            chunk = cells[start : start + self._kernel.chunk]
+            nodal = [np.zeros((len(chunk), 0)), *(_nodal_values(f, chunk) for f in self._functions)]
+            made = self._kernel.evaluate(
+                np.concatenate(nodal, axis=1), constants, positions[dofs[chunk]].reshape(len(chunk), -1)
+            )
+            values[start : start + len(chunk)] = made.reshape(-1, *self._shape)
+        return values
+
+
+def _nodal_values(f: Any, cells: Integers) -> Doubles:
+    """Return the values of a function at the degrees of freedom of cells, the components of a node together."""
+    dofmap = f.function_space.dofmap
+    values: Doubles = f.x.array.reshape(-1, dofmap.bs)[dofmap.list[cells]].reshape(len(cells), -1)
+    return values
