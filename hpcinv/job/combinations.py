@@ -66,7 +66,8 @@ def _unknown_pressures(job: Any) -> Iterator[KeyPath]:
 
 
 def _iterated_contact(job: Any) -> Iterator[KeyPath]:
-    """Contacts of forward solves whose pressure or nearest points are found by iteration."""
+    """Contacts of forward solves whose pressure or nearest points are found by iteration, and interfaces."""
+    yield from (("interfaces", i) for i in range(len(job.interfaces)))
     for solve in job.plan:
         if solve.direction == "forward":
             yield from (("effects", i) for i, effect in enumerate(solve.job.effects) if effect.functions(1))
@@ -75,6 +76,10 @@ def _iterated_contact(job: Any) -> Iterator[KeyPath]:
 def _rigid_contact(job: Any) -> Iterator[KeyPath]:
     if not have_derivatives(job.effects, job.states):
         yield ("effects",)
+
+
+def _sliding_supports(job: Any) -> Iterator[KeyPath]:
+    yield from (("supports", i) for i, support in enumerate(job.supports) if support.slides)
 
 
 def _solid_from_file(job: Any) -> Iterator[KeyPath]:
@@ -110,6 +115,11 @@ PARTS: Mapping[str, Part] = {
     "unknown pressures": Part("cavities of unknown pressure", _unknown_pressures),
     "iterated contact": Part("contact by iteration", _iterated_contact),
     "rigid contact": Part("contact with a rigid obstacle", _rigid_contact),
+    "interfaces": Part("`interfaces`", _key("interfaces")),
+    "sliding supports": Part("supports that slide", _sliding_supports),
+    "high degree": Part(
+        "`displacement` above 2", _key("discretisation", "displacement", test=lambda degree: degree > 2)
+    ),
     "fixed point": Part("fixed-point methods", _key("method", test=lambda name: name != "direct")),
     "other strategies": Part(
         "strategies `fixed` and `arc-length`", _key("solver", "strategy", test=lambda name: name != "adaptive")
@@ -155,6 +165,21 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
     "remote loads": {
         "states": "is not possible with 'states': give a traction",
         "shell": "is not possible with a shell",
+    },
+    "interfaces": {
+        "shell": "are not possible with a shell",
+        "partitioned": "are not possible with a partitioned mesh: use its original file",
+        "surface error": "are not possible with 'surface_error', which needs derivatives",
+        "states": "are not possible with 'states': give an 'analysis'",
+        "unknown pressures": f"are {_PRESSURE.removeprefix('is ')}",
+        "remote loads": f"are {_REMOTE.removeprefix('is ')}",
+        "sliding supports": "are not possible with supports that slide: hold axes ('fix: [x]') instead",
+        "high degree": "need 'displacement: 1' or 2",
+        "fixed point": f"need {_DIRECT.removeprefix('needs ')}",
+        "iterative": "are too stiff for 'linear: iterative': leave it out",
+        "accuracy": "are not possible with 'accuracy', whose estimate does not see them: choose the mesh",
+        "sensitivities": "are not possible with 'sensitivities', which would leave them out",
+        "identify": "are not possible with 'identify', which needs derivatives",
     },
     "motion": {"states": "is not possible with 'states': give formulas as 'displacement'"},
     "surface error": {"remote loads": _REMOTE, "shell": "is not valid with a shell"},

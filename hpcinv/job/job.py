@@ -51,6 +51,7 @@ from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cav
 from hpcinv.job.combinations import refusal, refused_combinations
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
+from hpcinv.job.interfaces import Interface
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_contents import contents_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -133,6 +134,8 @@ class Job(Spec):
     """loads and inelastic strains of the body"""
     supports: Annotated[ListOf[Support], Field(validate_default=True)] = ()
     """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
+    interfaces: ListOf[Interface] = Field(default=(), exclude_if=lambda interfaces: not interfaces)
+    """surfaces of the mesh that belong together, such as {between: [lung, wall], kind: tied}"""
     cavities: Mapping[Name, Cavity] = Field(default={}, exclude_if=lambda cavities: not cavities)
     """hollows of the body by name, such as {lv: {surface: endo}}, whose volumes are possible quantities; their
     pressures may be unknown, with a given volume, gas or windkessel"""
@@ -493,6 +496,8 @@ class Job(Spec):
             sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
         sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
+        if self.interfaces:
+            sections["mesh"] = self.mesh.cut()
         if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
             sections["effects"] = (*self.effects, *pressures)
         return self.model_copy(update=sections)
@@ -652,6 +657,7 @@ def _region_references(job: Job) -> region_references.References:
     yield from region_references.law_regions(job.laws)
     yield from region_references.fibre_regions(job.fibres)
     yield from region_references.cavity_regions(job.cavities)
+    yield from region_references.interface_regions(job.interfaces)
     yield from region_references.quantity_regions(job.quantities)
 
 

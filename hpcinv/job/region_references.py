@@ -7,6 +7,7 @@ from hpcinv.base.quantity.schema import KeyPath
 from hpcinv.base.quantity.spatial_fields import ELSEWHERE, fields_in
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
+from hpcinv.job.interfaces import Interface
 from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
 from hpcinv.job.sections import QuantityOfInterest, Support
 from hpcinv.physics.effects import Effect
@@ -50,6 +51,12 @@ def cavity_regions(cavities: Mapping[str, Cavity]) -> References:
             yield ("cavities", name, "surface"), region
         if cavity.lid_region is not None:
             yield ("cavities", name, "lid", "region"), cavity.lid_region
+
+
+def interface_regions(interfaces: Sequence[Interface]) -> References:
+    for i, interface in enumerate(interfaces):
+        for k, name in enumerate(interface.between):
+            yield ("interfaces", i, "between", k), name
 
 
 def quantity_regions(quantities: Sequence[QuantityOfInterest]) -> References:

@@ -12,6 +12,7 @@ from pydantic import (
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
+    PrivateAttr,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -472,6 +473,19 @@ class MeshSpec(MeshFile):
         "surfaces": ("unit", "size"),
         "lumen": ("wall", "size"),
     }
+
+    _may_be_cut: bool = PrivateAttr(default=False)
+
+    @property
+    def may_be_cut(self) -> bool:
+        """True if nodes of different parts may coincide, since the job has interfaces."""
+        return self._may_be_cut
+
+    def cut(self) -> Self:
+        """Return the mesh of a job with interfaces."""
+        mesh = self.model_copy()
+        mesh._may_be_cut = True
+        return mesh
 
     @property
     def is_surface(self) -> bool:

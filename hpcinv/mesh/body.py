@@ -308,7 +308,7 @@ def build_body(
     """
     source = read_anywhere(spec, resolve, comm, replacement, report)
     if not source.is_partitioned:
-        on_root(comm, lambda: check(source))
+        on_root(comm, lambda: check(source, may_be_cut=spec.may_be_cut))
     length_scale = power_of_two(diagonal(comm, source.points))  # so that scaling is exact in floating point
     method, destinations = partitioner(comm, source, spec.partition)
     mesh = dolfinx.mesh.create_mesh(

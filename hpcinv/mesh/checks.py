@@ -14,8 +14,11 @@ FARTHEST = 1e60  # m; the squares and cubes of larger coordinates overflow
 CHUNK = 2_000  # cells at a time, so that the arrays at their points stay in the processor cache
 
 
-def check(source: MeshSource) -> None:
+def check(source: MeshSource, *, may_be_cut: bool = False) -> None:
     """Check a whole mesh.
+
+    Args:
+        may_be_cut: whether nodes may coincide, as where bodies touch each other.
 
     Raises:
         MeshError: for node coordinates that are not finite or are duplicated, cells that are duplicated, overlap, are
@@ -28,7 +31,7 @@ def check(source: MeshSource) -> None:
     _check_vertices(source)
     table = FacetTable.build(source.kind, source.cells[:, : vertex_count(source.kind)])
     problems = [
-        *_duplicate_nodes(source),
+        *(() if may_be_cut else _duplicate_nodes(source)),
         *_duplicate_cells(source),
         *_overlaps(source, table),
         *_bad_cells(source),
@@ -89,7 +92,8 @@ def _duplicate_nodes(source: MeshSource) -> MeshProblems:
         pair = sorted(source.node_tags[order[first : first + 2]].tolist())
         yield (
             f"{same.sum()} nodes coincide with another (first: {pair[0]} and {pair[1]}); the body is cut there",
-            "Join the parts (gmsh: occ.fragment on the parts, or model.mesh.removeDuplicateNodes()).",
+            "Join the parts (gmsh: occ.fragment on the parts, or model.mesh.removeDuplicateNodes());"
+            " 'interfaces' tie parts that share no nodes.",
         )
 
 

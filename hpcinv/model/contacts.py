@@ -124,6 +124,12 @@ class Contacts:
         resolve: path of a file of the job.
         degree: polynomial degree of the displacement.
         modulus: shear modulus of the body, scaled.
+        pairs: interfaces of the job, each of which takes the part of a contact.
+
+    Attributes:
+        pairs: as given.
+        is_iterated: whether pressures or nearest points are found by iteration; has_obstacles: whether there are
+            obstacles among these.
     """
 
     def __init__(
@@ -134,6 +140,7 @@ class Contacts:
         resolve: Callable[[str], Path],
         degree: int,
         modulus: float,
+        pairs: Sequence[Any] = (),
     ) -> None:
         contact_effects = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
         names = (
@@ -141,11 +148,14 @@ class Contacts:
             if len(contact_effects) == 1
             else [f"contact_pressure_{i}" for i in range(len(contact_effects))]
         )
-        self._all = [
+        self._obstacles = [
             _OneContact(name, where, *e, k, body, resolve, degree, modulus)
             for name, (where, e) in zip(names, contact_effects, strict=True)
         ]
-        self.is_iterated = any(contact.is_iterated for contact in self._all)
+        self.pairs = tuple(pairs)
+        self._all: list[Any] = [*self._obstacles, *self.pairs]
+        self._iterated = [contact for contact in self._all if contact.is_iterated]
+        self.is_iterated, self.has_obstacles = bool(self._iterated), any(c.is_iterated for c in self._obstacles)
 
     def passages(self, unknowns: Unknowns) -> Passages:
         """Return the ways of the body past obstacles that a forward solve must not lead through."""
@@ -155,12 +165,19 @@ class Contacts:
     def update_parameters(self, effects: Sequence[Effect], modulus: float) -> None:
         """Take the numbers of other effects and the shear modulus, of a job of the same reuse group."""
         contacts = (effect for effect in effects if isinstance(effect, Contact))
-        for contact, effect in zip(self._all, contacts, strict=True):
+        for contact, effect in zip(self._obstacles, contacts, strict=True):
             contact.update_parameters(effect, modulus)
+        for pair in self.pairs:
+            pair.update_modulus(modulus)
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
         for contact in self._all:
+            contact.reset()
+
+    def begin(self) -> None:
+        """Begin a solve that finds pressures by iteration; given ones stay."""
+        for contact in self._iterated:
             contact.reset()
 
     def restore(
@@ -185,7 +202,7 @@ class Contacts:
 
     def update(self) -> bool:
         """Update pressures and nearest points, unless they have settled; return whether they had not."""
-        changes = [contact.change() for contact in self._all]
+        changes = [contact.change() for contact in self._iterated]
         if max((size for size, _ in changes), default=0.0) <= 1.0:
             return False
         for _, apply in changes:
@@ -194,7 +211,7 @@ class Contacts:
 
     def halve_update(self) -> None:
         """Take back half of the last change of the pressures, after which no solution was found, and its penalties."""
-        for contact in self._all:
+        for contact in self._iterated:
             contact.halve_update()
 
     def check_start(self) -> None:

@@ -37,6 +37,7 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
+from hpcinv.model.interfaces.pair import pairs_of
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.obstacle_passage import Passages
@@ -129,7 +130,9 @@ class WeakForm:
         count, degree = len(job.laws), job.discretisation.displacement
         effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
-        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, _modulus(job, fields, scales))
+        modulus = _modulus(job, fields, scales)
+        pairs = pairs_of(job.interfaces, fields.body, unknowns, modulus)
+        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, modulus, pairs)
         directions = {
             name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))

@@ -26,6 +26,8 @@ from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.predictor import Predictor
 from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
 
+_STIFF = "interfaces are too stiff for multigrid"
+
 
 class Equations(DiscreteModel):
     """Equations of a reuse group of jobs on one body, and their solvers.
@@ -61,7 +63,7 @@ class Equations(DiscreteModel):
             check_agreement(self.job, self.body, self.supports)
             if system is not None or not self._has_springs:
                 springs = system if self._has_springs else None
-                check_held(self.body, self.supports, springs)
+                check_held(self.body, self.supports, springs, self.job.interfaces)
                 check_hinges(self.body, self.supports, self.unknowns.displacement_space, springs)
             check_not_enclosed(self.job, self.body)
         self._are_supports_checked = system is not None or not self._has_springs
@@ -90,6 +92,7 @@ class Equations(DiscreteModel):
         if self._like is not None:
             return self._like.chooser
         degree, against = self.job.discretisation.displacement, self.job.mesh.kind.against_multigrid
+        against = against or (_STIFF if self.job.interfaces else "")
         stiffness = max(law.stiffness_ratio or 1.0 for law in self.job.laws.values())
         return Chooser(self.unknowns, degree, against_multigrid=against, stiffness=stiffness)
 

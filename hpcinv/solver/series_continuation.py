@@ -116,6 +116,8 @@ class SeriesContinuation:
             raise NotAnalytic("the path begins with another state")
         if equilibrium.numbers.count:
             raise NotAnalytic("a pressure of a cavity, or the motion under a remote load, is unknown")
+        if system.weak_form.contacts.pairs:
+            raise NotAnalytic("surfaces of an interface belong to different cells")
         if system.supports.is_curved:
             raise NotAnalytic("a support slides on a curved surface")
         self._equilibrium, self._system, self._linear = equilibrium, system, equilibrium.linear

@@ -1,6 +1,6 @@
 """Checks that supports do not contradict each other, hold the body and leave it its volume, before it is solved."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 from hpcinv.base.parallel.runtime import MPI, agree, on_root
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
+from hpcinv.job.interfaces import Interface
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES
 from hpcinv.mesh import Body
@@ -24,6 +25,7 @@ from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
 from hpcinv.model.sliding import Slide
 from hpcinv.model.supports import Prescribed, Supports
+from hpcinv.solver.joined_parts import joined_parts
 from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
@@ -89,17 +91,22 @@ class _ConnectedPart:
     frame: Frame
 
 
-def check_held(body: Body, supports: Supports, system: System | None = None) -> None:
+def check_held(
+    body: Body, supports: Supports, system: System | None = None, interfaces: Sequence[Interface] = ()
+) -> None:
     """Check that supports, and springs, hold every part of the body; collective.
 
     Args:
         system: equations, if there are springs.
+        interfaces: which join parts.
 
     Raises:
         MeshError: on all ranks, with the rigid motions that are left.
     """
     comm = body.mesh.comm
     count, labels = parts_of(body)
+    if interfaces:
+        count, labels = joined_parts(body, interfaces, count, labels)
     parts = [_part(body, supports, labels, label, system is not None) for label in range(count)]
     stiffness = _stiffness(system, labels, parts) if system is not None else [np.zeros((6, 6))] * count
     # Of all parts: on one that no spring holds, rounding errors would be measured by themselves.

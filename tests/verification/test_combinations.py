@@ -117,6 +117,11 @@ def _on_a_plate(data: Data, _: Path) -> Data:
     return data | changed
 
 
+def _in_two_blocks(data: Data, _: Path) -> Data:
+    file = {} if "shell" in data["mesh"] else {"file": "../meshes/two_blocks.py", "parameters": {"hexahedra": True}}
+    return data | {"mesh": data["mesh"] | file, "interfaces": [{"between": ["bottom", "top"], "kind": "tied"}]}
+
+
 def _seen(quantity: str) -> Data:
     seen = [{"name": "seen", "quantity": quantity, "value": 0.1, "sd": 1e-3}]
     return {"identify": {"parameters": {"material.mu": None}, "observations": seen}}
@@ -129,6 +134,7 @@ CHANGES: dict[str, Callable[[Data, Path], Data]] = {
     "motion": _with(supports=[{"region": "x0", "motion": {"move": [0.05, 0.0, 0.0]}}]),
     "remote loads": _remote,
     "unknown pressures": _lidded,
+    "interfaces": _in_two_blocks,
     "rigid contact": _on_a_plate,
     "load cases": _with(load_cases=["first", "second"]),
     "fixed point": _with(method="anderson"),
@@ -175,7 +181,8 @@ def text_for(first: str, second: str) -> str | None:
     """The sentence of the table on two parts."""
     if (first, second) in BY_SCHEMA:
         return BY_SCHEMA[first, second]
-    names = {first, second} | ({"iterated contact"} if "rigid contact" in (first, second) else set())
+    iterated = {"interfaces", "rigid contact"} & {first, second}
+    names = {first, second} | ({"iterated contact"} if iterated else set())
     rows = (REFUSED.get(one, {}).get(other) for one, other in itertools.permutations(sorted(names), 2))
     return next((text for text in rows if text is not None), None)
 

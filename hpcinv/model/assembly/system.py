@@ -16,6 +16,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.model.assembly.admissibility import Admissibility
 from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
+from hpcinv.model.assembly.paired_tangent import PairedTangent
 from hpcinv.model.assembly.tangent import Tangent, tangent_of
 from hpcinv.model.assembly.tangent_moduli import Term
 from hpcinv.model.outcome import Outcome
@@ -54,6 +55,7 @@ class System:
         self.state = weak_form.unknowns.state
         self.tangents, self._like = 0, like
         self._constraint: MatrixConstraint | None = None
+        self._paired: PairedTangent | None = None
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(weak_form.unknowns.space)
@@ -86,6 +88,9 @@ class System:
             matrix, assemble = tangent.create_matrix(
                 self.supports.conditions, like._tangent if like and like.tangents else None
             )
+            if pairs := self.weak_form.contacts.pairs:
+                self._paired = PairedTangent(matrix, assemble, pairs, self.supports.conditions)
+                matrix, assemble = self._paired.matrix, self._paired.assemble
             if self.supports.sliding is not None:
                 self._constraint = MatrixConstraint(matrix, self.supports.sliding)
             return matrix, assemble
@@ -210,7 +215,7 @@ class System:
         with self.timings("residual"):
             with self.rhs.localForm() as local:
                 local.set(0.0)
-            fem_petsc.assemble_vector(self.rhs, self._step_form)
+                self._add_products(local.array)
             self.rhs.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(self.rhs.array)
 
@@ -278,7 +283,9 @@ class System:
         if self._constraint is not None:
             self._constraint.destroy()
             self._constraint = None
-        if "_matrix" in self.__dict__:
+        if self._paired is not None:
+            self._paired.destroy()
+        elif "_matrix" in self.__dict__:
             self.matrix.destroy()
         if self.director is not None:
             self.director.destroy()
@@ -289,6 +296,8 @@ class System:
         with self.timings("residual"), b.localForm() as local:
             local.set(0.0)
             fem_petsc.assemble_vector(b, self._residual)
+            for pair in self.weak_form.contacts.pairs:
+                pair.add_forces(local.array)
             if self._path is not None:
                 forces, share = self._path
                 local.array[:] -= share * forces
@@ -311,7 +320,14 @@ class System:
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
         """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""
         self._step.x.array[:] = self.supports.missing(x)
-        fem_petsc.assemble_vector(b, self._step_form)
+        with b.localForm() as local:
+            self._add_products(local.array)
+
+    def _add_products(self, forces: npt.NDArray[np.float64]) -> None:
+        """Add the tangent without supports, times `_step`, to forces on the local unknowns."""
+        fem.assemble_vector(forces, self._step_form)
+        for pair in self.weak_form.contacts.pairs:
+            pair.add_products(self._step.x.petsc_vec, forces)
 
     @cached_property
     def _step(self) -> fem.Function:

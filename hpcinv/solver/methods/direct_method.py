@@ -64,8 +64,7 @@ class DirectMethod(Method):
     def _begin(self, start: Start) -> int:
         """Put the state with which the solves begin; return the number of load cases on the way from there."""
         contacts, cases = self.equilibrium.system.weak_form.contacts, self.equations.job.case_count
-        if contacts.is_iterated:
-            contacts.reset()
+        contacts.begin()
         if start.origin is not None:
             self.equations.put_fields(start.origin)
             self.equilibrium.begin_path()

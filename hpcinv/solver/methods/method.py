@@ -132,7 +132,7 @@ class Method(ABC):
         """
         system = self.equilibrium.system
         if start.load == 0.0 and start.solution is None:
-            system.set_load(0.0 if system.weak_form.contacts.is_iterated else 1.0)
+            system.set_load(0.0 if system.weak_form.contacts.has_obstacles else 1.0)
             system.weak_form.contacts.check_start()
 
     @abstractmethod

@@ -38,6 +38,9 @@ class DiscretisationCheck(Check):
         if run.has_unknown_loads:
             yield skipped(DISCRETISATION, f"is not estimated where {solution.constraints[-1].what} is unknown")
             return
+        if solution.job.interfaces:
+            yield skipped(DISCRETISATION, "is not estimated where interfaces join surfaces: compare two meshes")
+            return
         is_asked = solution.job.certificate.estimate
         if run.estimate is None and is_asked:
             run.estimate = estimate(equations, solution, run.computed, run.rest_correction, run.observer)

@@ -45,6 +45,9 @@ class OverlapCheck(Check):
         if not run.solution.job.certificate.overlap:
             yield skipped(OVERLAP, "switched off: certificate.overlap")
             return
+        if run.solution.job.interfaces:
+            yield skipped(OVERLAP, "is not checked where surfaces of interfaces touch each other")
+            return
         if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
             yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
             return

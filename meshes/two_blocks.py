@@ -1,0 +1,62 @@
+"""Two blocks, one above the other, whose meshes share no node, of tetrahedra or hexahedra.
+
+Groups: volumes ``lower``, ``upper``; surfaces ``top`` of the lower block and ``bottom`` of the upper one, which face
+each other, and ``x0``, ``x1``, ``y0``, ``y1``, ``z0``, ``z1`` around both.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hpcinv.base.quantity import Divisions, Length
+
+
+def build(
+    gmsh: Any,
+    *,
+    lx: Length = 1.0,
+    ly: Length = 1.0,
+    lower_height: Length = 0.5,
+    upper_height: Length = 0.5,
+    gap: Length = 0.0,
+    lower: Divisions = 2,
+    upper: Divisions = 3,
+    layers: Divisions = 1,
+    hexahedra: bool = False,
+) -> None:
+    """Mesh each block with its own number of divisions along x and y, and both with ``layers`` of cells."""
+    start = lower_height + gap
+    below = _block(gmsh, (lx, ly), (0.0, lower_height), (int(lower), int(lower), int(layers)), hexahedra)
+    above = _block(gmsh, (lx, ly), (start, upper_height), (int(upper), int(upper), int(layers)), hexahedra)
+    for name in ("x0", "x1", "y0", "y1"):
+        gmsh.model.addPhysicalGroup(2, [below[name], above[name]], name=name)
+    for name, surface in (("z0", below["z0"]), ("top", below["z1"]), ("bottom", above["z0"]), ("z1", above["z1"])):
+        gmsh.model.addPhysicalGroup(2, [surface], name=name)
+    for name, block in (("lower", below), ("upper", above)):
+        gmsh.model.addPhysicalGroup(3, [block["volume"]], name=name)
+    gmsh.model.mesh.generate(3)
+
+
+def _block(
+    gmsh: Any, sides: tuple[float, float], heights: tuple[float, float], divisions: tuple[int, ...], hexahedra: bool
+) -> dict[str, int]:
+    """Make a block from a place z on, of a height; return its surfaces, and its volume, by name."""
+    sizes, low = (*sides, heights[1]), (0.0, 0.0, heights[0])
+    volume = gmsh.model.occ.addBox(*low, *sizes)
+    gmsh.model.occ.synchronize()
+    named = {"volume": volume}
+    for _, surface in gmsh.model.getBoundary([(3, volume)], oriented=False):
+        box = gmsh.model.getBoundingBox(2, surface)
+        axis = min(range(3), key=lambda i: box[3 + i] - box[i])
+        is_far = box[axis] - low[axis] > sizes[axis] / 2
+        named[f"{'xyz'[axis]}{int(is_far)}"] = surface
+        for _, edge in gmsh.model.getBoundary([(2, surface)], oriented=False):
+            ends = gmsh.model.getBoundingBox(1, edge)
+            along = max(range(3), key=lambda i: ends[3 + i] - ends[i])
+            gmsh.model.mesh.setTransfiniteCurve(edge, divisions[along] + 1)
+        gmsh.model.mesh.setTransfiniteSurface(surface)
+        if hexahedra:
+            gmsh.model.mesh.setRecombine(2, surface)
+    gmsh.model.mesh.setTransfiniteVolume(volume)
+    return named
