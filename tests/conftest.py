@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import itertools
 import os
@@ -85,11 +86,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave modules and tests, which stay, out of later collections of garbage: these are ten times as fast then."""
+    """Leave modules and tests, which stay, out of later collections of garbage: these are ten times as fast then.
+
+    UFL keeps its cells: an element makes one with all its sides whenever it is asked, a tenth of a small run. Pictures
+    have a 16th of their pixels.
+    """
+    if elements := sys.modules.get("basix.ufl"):
+        kept = functools.cache(sys.modules["ufl.cell"].Cell)
+        elements._ElementBase.cell = property(lambda element: kept(element._cellname))
+    if drawing := sys.modules.get("hpcinv.pages.pictures.drawing"):
+        drawing._PIXELS = SMALL_PICTURE
     gc.collect()
     gc.freeze()
 
 
+SMALL_PICTURE = (250, 200)
+"""Pixels of a view in tests that do not look at it; a whole one takes half a second."""
 TESTS_BETWEEN_COLLECTIONS = 20
 """A test leaves up to 24 communicators in cyclic garbage; MPICH has 2,048 for a process, and crashes without one."""
 _tests_run = itertools.count(1)
@@ -124,6 +136,12 @@ def handlers_of_signals() -> Iterator[None]:
     for number, handler in before.items():
         if handler is not None and signal.getsignal(number) is not handler:
             signal.signal(number, handler)
+
+
+@pytest.fixture
+def whole_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures with the pixels that users have."""
+    monkeypatch.setattr("hpcinv.pages.pictures.drawing._PIXELS", (1000, 800))
 
 
 @pytest.fixture

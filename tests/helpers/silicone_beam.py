@@ -8,6 +8,8 @@ LENGTH, DIAMETER = 0.182, 0.0085
 C1, C2, D1, DENSITY, GRAVITY = 101709.668, 151065.460, 7.965272689e8, 963.0, 9.81
 MATERIAL: dict[str, Any] = {"law": "mooney-rivlin", "c1": C1, "c2": C2, "d1": D1}
 CLAMP: dict[str, Any] = {"region": "clamp", "fix": ["x", "y", "z"]}
+SIZE = "5.5 mm"
+"""Size of the cells, the largest of a few whose curved cells are valid."""
 TIP: dict[str, Any] = {"name": "tip", "of": "norm(ux, uy, uz)", "at": [LENGTH, 0, 0]}
 
 
@@ -16,7 +18,7 @@ def weight(load: float = 1.0) -> dict[str, Any]:
     return {"effect": "gravity", "acceleration": [0, -GRAVITY * load, 0], "density": DENSITY}
 
 
-def beam(size: str = "4 mm", geometry_degree: int = 2, load: float = 1.0) -> dict[str, Any]:
+def beam(size: str = SIZE, geometry_degree: int = 2, load: float = 1.0) -> dict[str, Any]:
     """Mesh, material, weight and clamp of a job in a directory next to ``meshes/``."""
     return {
         "mesh": {

@@ -117,6 +117,7 @@ def image_of(png: bytes) -> np.ndarray:
     return np.asarray(matplotlib.image.imread(io.BytesIO(png)))
 
 
+@pytest.mark.usefixtures("whole_pictures")
 @pytest.mark.parametrize("hollow", [False, True], ids=["solid", "shell"])
 def test_a_shadow_around_a_body_does_not_veil_its_colours(hollow: bool) -> None:
     body, shadow = sphere_in_a_larger_one(hollow=hollow)

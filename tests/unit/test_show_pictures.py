@@ -50,6 +50,7 @@ def test_a_surface_outside_of_another_is_not_cut(monkeypatch: pytest.MonkeyPatch
     assert len(drawn(monkeypatch, OCTAHEDRON + np.array([3.0, 0, 0]))) == 2
 
 
+@pytest.mark.usefixtures("whole_pictures")
 def test_scale_bars_have_round_lengths_and_the_scale_of_the_rendering(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cube of 2 units of 10 mm that fills the rendering: the bar is a fifth of the width at most."""
     assert [round_length(most) for most in (0.0049, 0.005, 0.3, 9.99)] == pytest.approx([0.002, 0.005, 0.2, 5.0])

@@ -66,8 +66,8 @@ def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracom
 def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     """The exact tip is taken from cubic displacements."""
 
-    cubic = hpcinv.run(job(**silicone_beam.sagging("4 mm", 3, NO_CERTIFICATE)), comm)
-    quadratic = hpcinv.run(job(**silicone_beam.sagging("4 mm", 2, ESTIMATE)), comm)
+    cubic = hpcinv.run(job(**silicone_beam.sagging(silicone_beam.SIZE, 3, NO_CERTIFICATE)), comm)
+    quadratic = hpcinv.run(job(**silicone_beam.sagging(silicone_beam.SIZE, 2, ESTIMATE)), comm)
     exact = cubic.quantities["tip"]
     ratios = effectivities(quadratic, {"tip": exact})
     print(f"{comm.size} rank(s): exact {exact:.6f} m, effectivity {ratios}")

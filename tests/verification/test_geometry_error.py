@@ -121,8 +121,8 @@ def test_the_error_of_straight_cells_that_turn(
     """
     monkeypatch.setattr(two_level, "MANY", many)
 
-    curved = package.run(job(**silicone_beam.sagging("4 mm", 2, NO_CERTIFICATE)), comm)
-    straight = package.run(job(**silicone_beam.sagging("4 mm", 2, ESTIMATE, geometry_degree=1)), comm)
+    curved = package.run(job(**silicone_beam.sagging(silicone_beam.SIZE, 2, NO_CERTIFICATE)), comm)
+    straight = package.run(job(**silicone_beam.sagging(silicone_beam.SIZE, 2, ESTIMATE, geometry_degree=1)), comm)
     exact = {name: float(value) for name, value in curved.quantities.items()}  # type: ignore[arg-type]
     (ratio,) = effectivities(straight, exact).values()
     print(f"{comm.size} rank(s), many {many}: {ratio}")

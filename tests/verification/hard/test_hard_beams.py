@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import LinearProblem
 from helpers.beam_theory import curled_axis, sagging_tip
-from helpers.hard_case import effort, solve
+from helpers.hard_case import FINE, effort, solve
 from helpers.silicone_beam import C1, C2, DENSITY, DIAMETER, GRAVITY, LENGTH
 
 from hpcinv.base.parallel.runtime import MPI
@@ -52,7 +52,7 @@ def test_no_ratio_of_bulk_to_shear_modulus_locks(ratio: float, comm: MPI.Intraco
     d1 = "incompressible" if ratio == np.inf else ratio * MU / 2
     young = 3 * MU if ratio == np.inf else 9 * ratio * MU / (3 * ratio + 1)
     law = {"law": "mooney-rivlin", "c1": C1, "c2": C2, "d1": d1}
-    result = solve("nearly-incompressible-beam", comm, material=law)
+    result = solve("nearly-incompressible-beam", comm, material=law, **FINE)
     theory = sagging_tip(PER_LENGTH * LENGTH**3 / (young * BENDING)) * LENGTH
     error = np.linalg.norm(tip(result)[:2] - theory) / np.linalg.norm(theory)
     print(f"K/mu = {ratio:g}: tip {tip(result)[:2]} m, theory {theory} m, {100 * error:.2f} % apart; {effort(result)}")
@@ -91,7 +91,7 @@ def test_sagging_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Int
 def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Intracomm) -> None:
     """Distances between points of the axis agree with the theory, whatever the clamp does at its end."""
     points = [{"name": f"at-{s:.0%}"[:-1], "of": "displacement", "at": [s * LENGTH, 0, 0]} for s in HELD]
-    result = solve("coil-through-itself", comm, **weight(factor), quantities=points)
+    result = solve("coil-through-itself", comm, **weight(factor), quantities=points, **FINE)
     u = np.array(list(result.quantities.values()))
     axis_points = np.outer(HELD, [LENGTH, 0, 0]) - u
     q = factor * PER_LENGTH

@@ -10,7 +10,7 @@ import pytest
 from helpers.closed_forms import root
 from helpers.command_line import NO_CERTIFICATE
 from helpers.command_line import hpcinv_here as command
-from helpers.hard_case import JOBS, effort, fail, solve
+from helpers.hard_case import FINE, JOBS, effort, fail, solve
 from helpers.silicone_beam import C1, C2, DIAMETER, GRAVITY, LENGTH, weight
 
 from hpcinv.base.parallel.runtime import MPI
@@ -125,7 +125,7 @@ def test_a_column_higher_than_can_stand_is_reported(share: float, unstable: int,
     stiffness = 3 * 2 * (C1 + C2) * DIAMETER**2 / 16
     density = share * 7.8373 * stiffness / (GRAVITY * LENGTH**3)
     load = {"effect": "gravity", "acceleration": [-9.81, 0, 0], "density": density}
-    result = solve("standing-beam", comm, effects=[load], certificate=NO_CERTIFICATE | {"stability": True})
+    result = solve("standing-beam", comm, effects=[load], certificate=NO_CERTIFICATE | {"stability": True}, **FINE)
     line = finding(result, "stability")
     assert line.value == unstable
     assert line.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
