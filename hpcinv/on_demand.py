@@ -11,12 +11,15 @@ from hpcinv.errors import SystemPartMissing
 
 FUNCTIONS = {
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
+    "finer problem of a shell": "hpcinv.trust.certificate.finer_shell:FinerShell",
     "mesh of elements and sets": "hpcinv.formats.readers.elements:read_elements",
     "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
     "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
     "mesh of a CAD file": "hpcinv.geometry.cad.cad_mesh:cad_mesh",
+    "mesh of a shell": "hpcinv.mesh.midsurface:ShellSource",
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
+    "refined mesh": "hpcinv.mesh.refine.refinement:refine",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
     "start from a sweep": "hpcinv.studies.sweep.reduced_basis:predicted_guesses",
     "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
@@ -24,6 +27,11 @@ FUNCTIONS = {
     "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
 }
 """module and function by what they make"""
+
+
+def variant(made: str, usual: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function that makes something, or the usual one if there is none."""
+    return on_demand(made) if made in FUNCTIONS else usual
 
 
 def on_demand(made: str) -> Callable[..., Any]:

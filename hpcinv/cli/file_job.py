@@ -24,7 +24,13 @@ _BALANCED = 0.01
 
 
 class FileJob:
-    """A job of what another program's file says."""
+    """A job of what another program's file says.
+
+    Args:
+        source: the mesh of the file, in its unit of length.
+        sides: by the name of a surface, the face of the elements of a shell: 1 on the side of their normals, else -1; 0
+            of both.
+    """
 
     def __init__(
         self,
@@ -34,9 +40,10 @@ class FileJob:
         deck: Deck,
         text: str,
         sets: Mapping[str, frozenset[int]],
+        sides: Mapping[str, int],
     ) -> None:
         self._options, self._program, self._source, self._deck, self._text = options, program, source, deck, text
-        self._sets = sets
+        self._sets, self._sides = sets, sides
         self._regions = {group.name.lower(): group.name for group in source.groups}
         self._vertices: dict[str, dict[str, Any]] = {}  # regions of vertices, by name
         self._comments = [f"Made by hpcinv new job --from {options.source}; read what it says, and change it."]

@@ -50,6 +50,8 @@ _GENERATED: Mapping[str, tuple[str, str]] = {
     "shell": ("sheet.py", "parameters: {length: 50 mm, width: 30 mm, nx: 10, ny: 6}, shell: {thickness: 2 mm}"),
 }
 """Generator and its parameters of the example of each kind of body."""
+_NOT_SCANNED = {"shell": "a shell is a surface of quadrilaterals"}
+"""why a kind of body cannot be made of an image or a closed surface"""
 _SURFACES = {"artery": (("inlet", "outlet"), "inner", "outer"), "ventricle": (("base",), "endo", "epi")}
 """Ends, inner and outer surface of walls; a vessel may have more outlets."""
 _WALLS = tuple(_SURFACES)
@@ -217,9 +219,9 @@ def _check_scan(options: argparse.Namespace) -> None:
     if options.image is not None and options.surface is not None:
         raise JobError("--surface: a job has one mesh, and --image gives it, too")
     scan = options.image or options.surface
-    if options.kind == "shell" and scan is not None:
+    if scan is not None and (reason := _NOT_SCANNED.get(options.kind)):
         name = "image" if options.image is not None else "surface"
-        raise JobError(f"--{name}: a shell is a surface of quadrilaterals; put such a mesh into the example")
+        raise JobError(f"--{name}: {reason}; put such a mesh into the example")
     if options.surface is not None and options.kind in _WALLS:
         raise JobError(
             f"--surface: does not distinguish cavity and outside of {_article(options.kind)};"

@@ -22,10 +22,13 @@ def job_from(options: argparse.Namespace) -> str:
     from hpcinv.cli.cards import file_text
     from hpcinv.cli.file_job import FileJob
     from hpcinv.cli.mesh_input import length_unit
+    from hpcinv.cli.shell_job import ShellJob
     from hpcinv.formats.cards.card import CardError
+    from hpcinv.job.body_kinds import KINDS, SHELL, SOLID
     from hpcinv.mesh.io.isolated import read_isolated
-    from hpcinv.mesh.readers import FILES, read_surface
+    from hpcinv.mesh.kind_source import source_of
 
+    jobs: dict[str, type[FileJob]] = {SOLID.name: FileJob, SHELL.name: ShellJob}
     path: Path = options.source
     program = _PROGRAMS.get(suffix_of(path))
     if program is None:
@@ -36,19 +39,15 @@ def job_from(options: argparse.Namespace) -> str:
     reader = importlib.import_module(f"hpcinv.formats.cards.{program}_deck")
     try:
         text = file_text(path)
-        is_shell: bool = reader.is_shell(text)
-        source = read_surface(path) if is_shell else FILES[suffix_of(path)](path)
-        action = f"{suffix_of(path)[1:]}{'-shells' if is_shell else ''}"
+        kind: str = reader.body_kind(text)
+        source = source_of(kind).read(path, None)
+        action = KINDS[kind].actions.get(suffix_of(path), suffix_of(path)[1:])
         _, arrays = read_isolated(action, path, "cannot be read", "Is the file complete?")
         tags = arrays["node_tags"]
         sets = {key[6:]: frozenset(tags[rows].tolist()) for key, rows in arrays.items() if key.startswith("nodes:")}
         deck: Deck = reader.read_deck(text, sets)
-        if not is_shell:
-            return FileJob(options, program, source, deck, text, sets).text()
-        from hpcinv.cli.shell_job import ShellJob
-
         sides = {key[6:]: _side(rows) for key, rows in arrays.items() if key.startswith("faces:")}
-        return ShellJob(options, program, source, deck, text, sets, sides).text()
+        return jobs[kind](options, program, source, deck, text, sets, sides).text()
     except CardError as error:
         raise CardError(*(f"{path}: {problem}" for problem in error.problems)) from None
     except ValueError as error:

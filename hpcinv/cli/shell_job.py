@@ -31,12 +31,7 @@ _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
 
 
 class ShellJob(FileJob):
-    """A job whose mesh is the midsurface of a shell, or one of its faces.
-
-    Args:
-        surface: of the file, in its unit of length.
-        sides: by the name of a surface, the face of the elements: 1 on the side of their normals, else -1; 0 of both.
-    """
+    """A job whose mesh is the midsurface of a shell, or one of its faces."""
 
     def __init__(
         self,
@@ -52,7 +47,7 @@ class ShellJob(FileJob):
         surface = replace(surface, points=surface.points * unit, unit=unit)
         cells = {group.name.lower() for group in surface.groups if group.dim == 3}
         self._section = _with_uniform_thickness(_common(deck.shells, cells), surface)
-        self._sides, unit_name = sides, options.unit
+        unit_name = options.unit
         thickness: Any = {"data": self._section.array, "unit": unit_name}
         if not self._section.array:
             thickness = f"{self._section.thickness:.15g} {unit_name}"
@@ -62,7 +57,7 @@ class ShellJob(FileJob):
         self._is_turned = (oriented.cells != surface.cells).any(axis=1)  # elements whose normals point inwards
         shell |= self._faces()
         body = thicken(surface, Shell.model_validate(shell))
-        super().__init__(options, program, body, deck, text, sets)
+        super().__init__(options, program, body, deck, text, sets, sides)
         self._shell, self._surface = shell, surface
         through = body.points.reshape(-1, len(surface.points), 3)[[0, -1]]
         directors = through[1] - through[0]

@@ -83,7 +83,7 @@ def _sliding_supports(job: Any) -> Iterator[KeyPath]:
 
 
 def _solid_from_file(job: Any) -> Iterator[KeyPath]:
-    if not job.mesh.shell and not is_generator(Path(job.mesh.file)):
+    if not job.mesh.kind.reads_surface and not is_generator(Path(job.mesh.file)):
         yield ("mesh", "file")
 
 

@@ -21,7 +21,6 @@ from pydantic import (
 
 from hpcinv.base.files.names import FilePath, is_file
 from hpcinv.base.files.untrusted import applies
-from hpcinv.base.mesh_formats import SAVED
 from hpcinv.base.mesh_formats.mesh_format import Groups
 from hpcinv.base.quantity.expressions import Expression, faults
 from hpcinv.base.quantity.keys import JobKey, assigned
@@ -52,6 +51,7 @@ from hpcinv.job.combinations import refusal, refused_combinations
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.interfaces import Interface
+from hpcinv.job.kind_rules import KIND_RULES
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.mesh_contents import contents_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -63,8 +63,6 @@ from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, Q
 from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
-from hpcinv.job.shell_rules import SAVED as SAVED_SHELLS
-from hpcinv.job.shell_rules import unsuited_shell, unsuited_thickness
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
@@ -219,8 +217,11 @@ class Job(Spec):
         if self.output.mesh is not None:
             return self.output.mesh
         given = suffix_of(self.mesh.file).removeprefix(".")
-        known = SAVED if self.mesh.shell is None else SAVED_SHELLS
-        return ("bp",) if self.mesh.is_partitioned else (given if given in known else "msh", *({"vtu"} - {given}))
+        return (
+            ("bp",)
+            if self.mesh.is_partitioned
+            else (given if given in self.mesh.kind.saved else "msh", *({"vtu"} - {given}))
+        )
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -398,7 +399,13 @@ class Job(Spec):
     def _owners_in_states(self) -> dict[str, Owner]:
         """The `owners` of the job and of all its states."""
         return owners_in_states(
-            self.material, self.effects, self.fibres, self.supports, self.states, self.cavities, self.mesh.shell
+            self.material,
+            self.effects,
+            self.fibres,
+            self.supports,
+            self.states,
+            self.cavities,
+            self.mesh.sections_of_kind,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -508,14 +515,15 @@ class Job(Spec):
                 yield (key,), "is not valid with 'states': one of them is the given state; remove it"
         yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
         yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
-        yield from unsuited_shell(self)
+        kind_rules = KIND_RULES[self.mesh.kind.name]
+        yield from kind_rules.unsuited(self)
         yield from unsuited_controls(self)
         yield from refused_combinations(self)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
         if self.sensitivities:
-            yield from rules.below(("sensitivities",), unsuited_thickness(self))
+            yield from rules.below(("sensitivities",), kind_rules.unsuited_sensitivities(self))
         if self.identify is not None:
             faults = faults_of_identification(
                 self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
@@ -616,9 +624,9 @@ def _check_regions(job: Job, groups: Groups | None = None) -> None:
     named = () if job.mesh.array_labels is not None else _region_references(job)
     unknown = unknown_regions(
         job.resolve(job.mesh.file),
-        {*job.regions, *job.mesh.faces, *(job.mesh.shell.layers if job.mesh.shell is not None else ())},
+        {*job.regions, *job.mesh.faces, *job.mesh.layer_names},
         named,
-        is_shell=job.mesh.shell is not None,
+        kind=job.mesh.kind,
         groups=groups,
     )
     if lines := [f"{job.path}: {dotted_key(where)}: {what}" for where, what in unknown]:
@@ -643,7 +651,7 @@ def check_files(job: Job) -> list[Path]:
             known = found.groups if section == "mesh" and file == job.mesh.file else known
     if problems:
         raise JobError(*problems)
-    if known is not None and job.mesh.shell is None:
+    if known is not None and not job.mesh.kind.reads_surface:  # whose file may have other names of its edges
         _check_regions(job, known)
     return unread
 

@@ -18,7 +18,7 @@ from hpcinv.base.mesh_formats import FORMATS, action_of
 from hpcinv.base.mesh_formats.mesh_format import OF_NODES, Groups
 from hpcinv.base.reading.reader_outcome import fault_found
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.job.sections import IMAGES, SURFACES, MeshFile, MeshSpec
+from hpcinv.job.sections import IMAGES, SURFACES, MeshFile
 
 LARGEST = 20 * 10**6
 """bytes of a file that is read; raised, ``validate`` may take more than a second or two"""
@@ -70,8 +70,7 @@ def _action(spec: MeshFile, file: str) -> str:
         return "image"
     if suffix in SURFACES and not (is_mesh and file == spec.file):
         return "surface"
-    is_shell = isinstance(spec, MeshSpec) and spec.shell is not None
-    return "inp-shells" if is_shell and suffix == ".inp" else action_of(Path(file))
+    return spec.kind.actions.get(suffix) or action_of(Path(file))
 
 
 def _read(action: str, path: Path) -> Contents:

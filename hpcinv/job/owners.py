@@ -48,12 +48,15 @@ def owners_in_states(
     supports: Sequence[Support],
     states: Sequence[StateSpec],
     cavities: Mapping[str, Cavity],
-    shell: Shell | None,
+    sections_of_kind: Mapping[str, Shell],
 ) -> dict[str, Owner]:
-    """The parts with numbers of a job and of all its states."""
+    """The parts with numbers of a job and of all its states.
+
+    Args:
+        sections_of_kind: of the mesh, by their keys.
+    """
     owners = owners_of(material, effects, fibres, supports, {})
-    if shell is not None:
-        owners["mesh.shell"] = shell
+    owners |= {f"mesh.{name}": section for name, section in sections_of_kind.items()}
     owners |= {f"cavities.{name}": cavity for name, cavity in cavities.items()}
     owners |= {f"states[{i}]": state for i, state in enumerate(states)}
     for i, state in enumerate(states):

@@ -15,6 +15,7 @@ from hpcinv.base.quantity.schema import KeyPath
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
+from hpcinv.job.body_kinds import SOLID, BodyKind
 
 THIN = "has points or lines only, no whole facet"
 THIN_REMEDY = "Hold the facets around it, or its vertices if the loads balance: regions: {a: {vertices: [[0, 0, 0]]}}"
@@ -27,14 +28,14 @@ def unknown_regions(
     defined: Iterable[str],
     named: Iterable[tuple[KeyPath, str]],
     *,
-    is_shell: bool = False,
+    kind: BodyKind = SOLID,
     groups: Groups | None = None,
 ) -> Iterator[tuple[KeyPath, str]]:
     """Places in a job with the name of an unknown region, and messages.
 
     Args:
         named: all references of the job to regions, with their places.
-        is_shell: whether the mesh is the midsurface of a shell.
+        kind: of the body.
         groups: of the mesh; by default by its header, as far as that has them.
     """
     try:
@@ -45,8 +46,7 @@ def unknown_regions(
     if groups is None:
         return
     has_names = bool(groups.names or groups.patterns)
-    if is_shell:
-        groups = groups.of_shell()
+    groups = kind.groups(groups)
     known = {*defined, _BOUNDARY, *groups.names}
     advice = "" if has_names else _ways_to_name(groups)
     for where, name in named:

@@ -46,7 +46,7 @@ from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, PRESTRAIN
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.job.body_kinds import SHELL, SOLID, BodyKind
+from hpcinv.job.body_kinds import KINDS, SOLID, BodyKind
 from hpcinv.job.lumen import INNER, OR_OPEN, OUTER, WALL, End, WallThickness, also_open
 from hpcinv.job.mesh_generators import ParameterValue, converted_parameters, is_generator, read_parameters
 from hpcinv.job.remote_load import RemoteLoad
@@ -201,6 +201,11 @@ class MeshFile(Spec):
     def is_surface(self) -> bool:
         """True if the mesh is made from a closed surface."""
         return suffix_of(self.file) in SURFACES
+
+    @property
+    def kind(self) -> BodyKind:
+        """Kind of the body."""
+        return SOLID
 
     @property
     def is_cad(self) -> bool:
@@ -574,13 +579,23 @@ class MeshSpec(MeshFile):
             stated = "is needed: BREP files do not have one"
             yield ("unit",), stated if "unit" not in self.model_fields_set else "is in the file already; leave it out"
         yield from self._faults_of_vessel()
-        if self._is_meshed and self.size is None and self.shell is None:
+        if self._is_meshed and self.size is None and not self.kind.reads_surface:
             yield ("size",), "is needed: the largest length of edges, as 5 mm"
 
     @property
     def kind(self) -> BodyKind:
-        """Kind of the body."""
-        return SOLID if self.shell is None else SHELL
+        return KINDS[next(iter(self.sections_of_kind), SOLID.name)]
+
+    @property
+    def sections_of_kind(self) -> dict[str, Shell]:
+        """The section that says the kind of the body, by its key; a solid has none."""
+        given = {name: getattr(self, name, None) for name in KINDS}
+        return {name: section for name, section in given.items() if section is not None}
+
+    @property
+    def layer_names(self) -> tuple[str, ...]:
+        """Regions of cells that the section of the kind names."""
+        return tuple(name for section in self.sections_of_kind.values() for name in section.layers)
 
     @property
     def _is_meshed(self) -> bool:

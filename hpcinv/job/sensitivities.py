@@ -128,7 +128,8 @@ def fault_of_tie(tied: Parameter, number: Parameter, kind: str) -> str | None:
 
 def fault_of_setting(number: Parameter) -> str | None:
     """Fault of a number that is to be set in the job, but follows there from others."""
-    reason = number.owner.unset_number(number.place) if isinstance(number.owner, Ingredient | Shell) else ""
+    unset_number = getattr(number.owner, "unset_number", None)  # not of all owners
+    reason = unset_number(number.place) if unset_number else ""
     return f"{number.key} {reason}" if reason else None
 
 

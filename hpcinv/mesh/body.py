@@ -22,6 +22,7 @@ from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.base.quantity.nondimensional import power_of_two
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
+from hpcinv.job.body_kinds import KINDS
 from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.region_rules import RegionRule
 from hpcinv.job.sections import MeshSpec
@@ -36,10 +37,8 @@ from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.face_files import add_face_files
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.length_unit import check_unit
-from hpcinv.mesh.label_groups import add_label_groups
-from hpcinv.mesh.midsurface import halved_shell, thicken
-from hpcinv.mesh.orientation import consistently_oriented
-from hpcinv.mesh.readers import FILES, GENERATORS, read_surface
+from hpcinv.mesh.kind_source import source_of
+from hpcinv.mesh.readers import GENERATORS
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import Mesh, Region, build_regions, find
@@ -70,7 +69,7 @@ class Body:
     source: MeshSource
     source_geometry: dolfinx.mesh.Geometry
     read_finer_geometry: Callable[[], FinerGeometry] | None = None  # to be called on rank 0
-    build_halved: Callable[[], Body] | None = None  # of a shell; collective
+    build_halved: Callable[[], Body] | None = None  # collective
     given_nodes: Floats = field(init=False)
 
     def __post_init__(self) -> None:
@@ -124,7 +123,7 @@ class Body:
 
     @cached_property
     def halved(self) -> Body:
-        """A shell with each cell of its surface cut into four; collective at the first access."""
+        """The body with each cell of its file cut into cells of half the size; collective at the first access."""
         assert self.build_halved is not None
         return self.build_halved()
 
@@ -154,9 +153,7 @@ class Body:
             advice = "Only supports hold vertices; a load needs facets of the boundary."
             raise MeshError(f"{self.source.path}: region '{name}' has vertices but no facets", advice)
         if not region.facet_count:
-            advice = "Name a physical surface, or a geometric region that contains whole facets of the boundary."
-            if self.source.shell is not None:
-                advice = f"Name an edge of the surface, or a face: '{name}|outer', '{name}|inner'."
+            advice = KINDS[self.source.body_kind].facets_remedy.format(name=name)
             raise MeshError(f"{self.source.path}: region '{name}' has cells but no facets", advice)
         return region.facets
 
@@ -221,7 +218,7 @@ def read_source(
             )
             monitor = MeshingMonitor(spec.maximum_cells, report)
             generate = GENERATORS[suffix_of(path)]
-            is_surface = spec.shell is not None
+            is_surface = spec.kind.reads_surface
             source = generate(path, parameters, spec.geometry_degree, monitor, size_factor, is_surface=is_surface)
             source = source.convert_to_metres(spec.unit)
         elif spec.wall is not None:
@@ -240,15 +237,14 @@ def read_source(
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     check_nodes(source)
-    if spec.shell is None:
-        source = consistently_oriented(source)
+    of_kind = source_of(spec.kind.name)
+    source = of_kind.oriented(source)
     for note in source.notes:
         report(note)
     source = _with_sets(source, spec, path).drop_unused_nodes()
-    if spec.shell is not None:
-        known, source = len(source.notes), thicken(source, spec.shell)
-        for note in source.notes[known:]:
-            report(note)
+    known, source = len(source.notes), of_kind.body(source, spec)
+    for note in source.notes[known:]:
+        report(note)
     source = join_facets(source)
     return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
 
@@ -258,7 +254,7 @@ def read_mesh_file(spec: MeshSpec, path: Path) -> MeshSource:
 
     Its coordinates are in the unit that it states, unless the mesh section has another one.
     """
-    source = FILES[suffix_of(path)](path) if spec.shell is None else read_surface(path, spec.array_labels)
+    source = source_of(spec.kind.name).read(path, spec.array_labels)
     if suffix_of(path) in FORMATS and FORMATS[suffix_of(path)].is_partitioned:  # in metres
         return source
     if "unit" in spec.model_fields_set:
@@ -272,8 +268,8 @@ def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
     if spec.faces:
         faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
         source = add_face_files(source, faces, source.unit or spec.unit)
-    if spec.array_labels is not None and spec.shell is None:
-        source = add_label_groups(source, spec.array_labels)
+    if spec.array_labels is not None:
+        source = source_of(spec.kind.name).labelled(source, spec.array_labels)
         check_nodes(source)
     return source
 
@@ -322,11 +318,10 @@ def build_body(
     finer = None if source.is_partitioned else lambda: read_finer_geometry(spec, resolve(spec.file), source)
 
     def build_halved() -> Body:
-        cut = None if comm.rank else halved_shell(source)
+        cut = None if comm.rank else source_of(source.body_kind).cut(source)
         return build_body(spec, regions, comm, resolve=resolve, degree=degree, replacement=cut)
 
-    halved = None if source.midsurface is None else build_halved
-    body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer, halved)
+    body = Body(mesh, length_scale, named, partition_of(mesh, method), source, mesh.geometry, finer, build_halved)
     return body.raise_degree(degree)
 
 

@@ -13,9 +13,7 @@ def cell_numbers(body: Body) -> Ints:
     """Return the numbers of the local cells in the file, in the surface of a shell, (cells,); collective."""
     source = body.source
     rows = Rows.distributed(body.mesh.comm, len(source.cells))
-    numbers = source.cell_tags
-    if source.midsurface is not None:
-        numbers = np.resize(source.midsurface.cell_tags, len(source.cells))
+    numbers = np.resize(source.in_file.cell_tags, len(source.cells))
     return rows.fetch(numbers[:, None], np.asarray(body.mesh.topology.original_cell_index))[:, 0]
 
 
@@ -25,9 +23,7 @@ def node_numbers(body: Body, space: fem.FunctionSpace) -> Ints:
     Nodes that the file does not have are 0. The nodes of a shell have the number of their node of the surface.
     """
     source, geometry = body.source, body.source_geometry
-    numbers = source.node_tags
-    if source.midsurface is not None:
-        numbers = np.resize(source.midsurface.node_tags, len(source.points))
+    numbers = np.resize(source.in_file.node_tags, len(source.points))
     rows = Rows.distributed(body.mesh.comm, len(source.points))
     source_numbers = rows.fetch(numbers[:, None], geometry.input_global_indices)[:, 0]
     places, own = space.element.basix_element.points, scalar_element(source.kind, source.degree).points

@@ -17,7 +17,7 @@ from hpcinv.errors import OutputError
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
 from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.midsurface import surface_source
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.refine.degree import serendipity
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
 
@@ -98,10 +98,7 @@ def save_body(
     path: Path, source: MeshSource, points: Floats, more: Mapping[str, DataArray] = MappingProxyType({})
 ) -> None:
     """Write a whole body at ``points`` (n, 3) m with more data, of a shell its midsurface; as `save`."""
-    if source.midsurface:
-        save(path, *surface_source(source, points, more))
-    else:
-        save(path, dataclasses.replace(source, data={**source.data, **more}), points)
+    save(path, *source_of(source.body_kind).saved(source, points, more))
 
 
 def save(path: Path, source: MeshSource, points: Floats) -> None:

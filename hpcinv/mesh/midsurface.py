@@ -24,10 +24,13 @@ from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER
 from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import Shell
+from hpcinv.job.body_kinds import SHELL
+from hpcinv.job.sections import ArrayLabels, MeshSpec, Shell
 from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.facet_groups import join_facets
+from hpcinv.mesh.kind_source import KindSource
 from hpcinv.mesh.quadrilaterals import halved
+from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
 from hpcinv.mesh.topology import edge_neighbours, neighbour_signs, unique_rows, vertex_sets
 
@@ -42,6 +45,32 @@ _THIN, _THINNEST = 3e3, 1.5e4
 """Length of a surface by its thickness. Above the first, the tangent of the nodes has rounding errors with which
 Newton's method does not converge, and one layer has `DirectorUnknowns`. Above the second, rounded positions leave a
 residual that fails the certificate (0.002 of the load at 30,000)."""
+
+
+class ShellSource(KindSource):
+    """The surface of a shell, and its body."""
+
+    def read(self, path: Path, labels: ArrayLabels | None) -> MeshSource:
+        return read_surface(path, labels)
+
+    def oriented(self, source: MeshSource) -> MeshSource:
+        return source
+
+    def labelled(self, source: MeshSource, labels: ArrayLabels) -> MeshSource:
+        return source
+
+    def body(self, source: MeshSource, spec: MeshSpec) -> MeshSource:
+        assert spec.shell is not None
+        return thicken(source, spec.shell)
+
+    def cut(self, body: MeshSource) -> MeshSource:
+        return halved_shell(body)
+
+    def moved(self, body: MeshSource, shape: MeshSource) -> Floats:
+        return moved_levels(body, shape)
+
+    def saved(self, body: MeshSource, points: Floats, more: Mapping[str, DataArray]) -> tuple[MeshSource, Floats]:
+        return surface_source(body, points, more)
 
 
 def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
@@ -61,9 +90,9 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     surface = dataclasses.replace(surface, cells=_oriented(surface))
     count = len(surface.points)
     surface, columns, thickness = _levels(surface, shell)
+    layers = range(len(columns) // 2)
     length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
     _check_faces(surface, columns[0], columns[-1])
-    layers = range(len(columns) // 2)
     starts = [2 * layer * count for layer in layers]
     cells = np.concatenate([start + _columns(_KIND, "hexahedron", surface.cells, count) for start in starts])
     edges = np.concatenate([start + _columns("interval", _KIND, surface.facets, count) for start in starts])
@@ -82,6 +111,8 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
         notes=surface.notes + _narrow_cells(surface, thickness),
         midsurface=surface,
         shell=shell,
+        body_kind=SHELL.name,
+        layers=len(layers),
         slenderness=_slenderness(surface, float(thickness.mean())) if len(thickness) else 1.0,
         thickness=float(thickness.mean()) if len(thickness) else 0.0,
         is_thin=length > _THIN,

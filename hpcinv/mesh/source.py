@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from hpcinv.base.quantity.arrays import Floats as Floats
 from hpcinv.base.quantity.arrays import Ints as Ints
+from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.sections import Shell
 
 type Place = Literal["nodes", "cells"]
@@ -124,10 +125,17 @@ class MeshSource:
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2
     shell: Shell | None = None  # its section of the job
+    body_kind: str = SOLID.name
+    layers: int = 1  # of cells around a surface
     read_as: tuple[MeshSource, ...] = ()  # cells of each kind that a surface had in its file, before they were parted
     slenderness: float = 1.0  # of a shell: mean diameter of its cells by their thickness
     thickness: float = 0.0  # of a shell: mean (m); 0 of other bodies
     is_thin: bool = False  # of a shell: so long that the tangent of its nodes has too large rounding errors
+
+    @property
+    def in_file(self) -> MeshSource:
+        """The mesh that a file has: of a shell its surface."""
+        return self.midsurface or self
 
     @property
     def is_partitioned(self) -> bool:

@@ -13,7 +13,7 @@ from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, local_node_values, read_mesh_file
-from hpcinv.mesh.midsurface import moved_levels
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.refine.degree import change_degree
 from hpcinv.mesh.source import Floats, MeshSource
@@ -48,17 +48,15 @@ def _points(spec: MeshSpec, path: Path, given: MeshSource) -> Floats:
     except OSError as exc:
         raise MeshError(f"{path}: {exc.strerror or exc}", "Is the file readable?") from exc
     shape = shape.drop_unused_nodes()
-    if spec.geometry_degree is not None and given.shell is None:
+    if spec.geometry_degree is not None:
         shape = change_degree(shape, spec.geometry_degree)
-    body_cells = given if given.midsurface is None else given.midsurface
-    if not _has_same_cells(shape, body_cells):
+    if not _has_same_cells(shape, given.in_file):
         raise MeshError(
             f"{path}: the cells of solver.start_shape are not the cells of {given.path}",
             "Move the nodes of that mesh, and keep their numbers and the order of the cells.",
         )
-    if given.midsurface is None:
-        return shape.points
-    return moved_levels(given, dataclasses.replace(given.midsurface, path=path, points=shape.points))
+    shape = dataclasses.replace(given.in_file, path=path, points=shape.points)
+    return source_of(given.body_kind).moved(given, shape)
 
 
 def _has_same_cells(shape: MeshSource, other: MeshSource) -> bool:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 from dolfinx.fem import Function
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.nondimensional import Scales, power_of_two
 from hpcinv.errors import JobError
+from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
 from hpcinv.mesh import Body
@@ -283,7 +286,14 @@ def _quadrature(job: Job, source: MeshSource) -> int:
             f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} of degree"
             f" {displacement}, not {degree}, or the tangent is nearly singular; raise it, or leave it out"
         )
-    return degree or least if source.midsurface is None else LayerDegree(degree or least, source.slenderness)
+    of_kind = _DEGREES.get(source.body_kind)
+    return of_kind(degree or least, source) if of_kind else degree or least
+
+
+_DEGREES: Mapping[str, Callable[[int, MeshSource], int]] = {
+    SHELL.name: lambda degree, source: LayerDegree(degree, source.slenderness)
+}
+"""quadrature degree by the kind of the body, where it is not the same in all directions"""
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

@@ -1,7 +1,7 @@
 """Checks that need the mesh: regions exist, parameters are admissible everywhere, directions are not zero."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +14,7 @@ from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.quantity import quantities_of, quantity_of
 from hpcinv.base.quantity.spatial_fields import entries, is_uniform
 from hpcinv.errors import MeshError, naming_field
+from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.model.fields import BodyFields, law_cells
@@ -34,8 +35,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
         for region, field in effect.surfaces.items():
             with naming_field(f"{where}.{field}"):
                 facets = fields.body.boundary_facets(region)
-                if effect.is_of_shells:
-                    _check_edge(fields, region, facets)
+                _REGION_CHECKS.get(effect.only_of_kind, _admit)(fields, region, facets)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
         _check_bounds(fields, where, ingredient)
     for where, law in job.laws.items():
@@ -123,6 +123,14 @@ def _check_edge(fields: BodyFields, region: str, facets: LocalIndices) -> None:
             f"{fields.body.source.path}: region '{region}' has parts of a face of the shell",
             "Name an edge, a curve of its surface.",
         )
+
+
+def _admit(fields: BodyFields, region: str, facets: LocalIndices) -> None:
+    """Admit all facets of the boundary."""
+
+
+_REGION_CHECKS: Mapping[str, Callable[[BodyFields, str, LocalIndices], None]] = {SHELL.name: _check_edge}
+"""checks of the facets of an effect by the kind of body that it is for"""
 
 
 def _require(fields: BodyFields, values: Floats, admits: Callable[[Floats], Any], what: str, wanted: str) -> None:

@@ -50,5 +50,4 @@ class Integration:
     @property
     def layers(self) -> int:
         """Number of layers of a shell."""
-        shell = self._body.source.shell
-        return 1 if shell is None else len(shell.levels) // 2
+        return self._body.source.layers

@@ -1,7 +1,7 @@
 """Fields of solutions as files for ParaView, on both bodies."""
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,6 +16,7 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, components_of
 from hpcinv.errors import OutputError
+from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vtk_order
@@ -79,7 +80,7 @@ def write_fields(
             for name, points in zip(BODIES, fields.points(), strict=True):
                 fibre_arrays = fields.fibres(undeformed, name)
                 path = partial / _data_file(name, solution.state)
-                own_arrays = [*node_arrays, *fields.shell_arrays(name)]
+                own_arrays = [*node_arrays, *fields.kind_arrays(name)]
                 failed = write_vtu(path, comm, fields.grid(points), own_arrays, [*cell_arrays, *fibre_arrays])
                 if failed is not None:
                     on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
@@ -161,10 +162,13 @@ class _Fields:
         other = mesh + self._solution.sign * self._local_u
         return (mesh, other) if self._solution.direction == "forward" else (other, mesh)
 
-    def shell_arrays(self, name: str) -> Iterator[Array]:
-        """Director and thickness of a shell of one layer at the owned nodes, in one of the bodies; none of others."""
-        shell = self._body.source.shell
-        if shell is None or len(shell.layers) > 1:
+    def kind_arrays(self, name: str) -> Iterator[Array]:
+        """Arrays of the kind of the body at the owned nodes, in one of the bodies."""
+        return _KIND_ARRAYS.get(self._body.source.body_kind, lambda *_: iter(()))(self, name)
+
+    def director_arrays(self, name: str) -> Iterator[Array]:
+        """Director and thickness of a shell of one layer."""
+        if self._body.source.layers > 1:
             return
         places = self._spaces[()].element.basix_element.points
         ends = [places * [1, 1, 0] + [0, 0, side] for side in (0.0, 1.0)]
@@ -234,6 +238,10 @@ class _Fields:
         for family, directions in undeformed.items():
             moved = directions if name == BODIES[0] else np.einsum("cij,cj->ci", self.gradients, directions)
             yield Array(f"fibre:{family}", unit_vectors(moved).astype(np.float32))
+
+
+_KIND_ARRAYS: Mapping[str, Callable[[_Fields, str], Iterator[Array]]] = {SHELL.name: _Fields.director_arrays}
+"""further arrays by the kind of the body"""
 
 
 def _stresses(stress: Floats, suffix: str = "") -> Iterator[Array]:

@@ -136,7 +136,7 @@ def drawn(rng: np.random.Generator, *, most: int = 2, degrees: tuple[int, ...] =
     """A scene of one law and up to ``most`` effects, held on its lowest face."""
     scene = block(rng, hexahedra=bool(rng.integers(2)))
     law = str(rng.choice(list(laws())))
-    of_solids = [name for name, kind in effects().items() if not kind.is_of_shells]
+    of_solids = [name for name, kind in effects().items() if not kind.only_of_kind]
     names = sorted(rng.choice(of_solids, size=rng.integers(1, most + 1), replace=False).tolist())
     return scene_of(scene, law, names, str(rng.choice(["forward", "inverse"])), int(rng.choice(degrees)))
 

@@ -47,7 +47,7 @@ CONFIGURATIONS = ("reference", "current")
 KINDS = [(direction, form) for direction in ("forward", "inverse") for form in ("displacement", "mixed")]
 # As they are before a test registers one of its own.
 LAWS = sorted(laws())
-EFFECTS = [(name, kind) for name, kind in sorted(effects().items()) if not kind.is_of_shells]
+EFFECTS = [(name, kind) for name, kind in sorted(effects().items()) if not kind.only_of_kind]
 
 
 def job_of_laws(**data: Any) -> Job:

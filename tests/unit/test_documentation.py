@@ -170,7 +170,7 @@ def test_jobs_in_the_pages_are_valid(block: str, has_files: bool, tmp_path: Path
     box = {"file": "../meshes/box.py", "parameters": {"nx": 1, "ny": 1, "nz": 1}}
     gravity = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000.0, "density_in": "reference"}
     sheet = {"file": "../meshes/sheet.py", "shell": {"thickness": "1 mm"}}
-    is_of_shell = any(effects()[effect["effect"]].is_of_shells for effect in fragment.get("effects", ()))
+    is_of_shell = any(effects()[effect["effect"]].only_of_kind for effect in fragment.get("effects", ()))
     body = sheet if is_of_shell else box
     whole = {"mesh": body, "material": {"law": "neo-hookean", "young": "1 kPa", "poisson": 0.3}, **fragment}
     if not any((ROOT / "jobs" / str(whole["mesh"].get(key))).exists() for key in ("file", "image")):

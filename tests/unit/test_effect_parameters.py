@@ -121,7 +121,7 @@ def test_meaningless_effect_values_are_refused_with_their_place(effect: dict[str
     assert message in f"{place.removeprefix('effects[0]')}:{text}"
 
 
-OF_SOLIDS = {name: effect for name, effect in effects().items() if not effect.is_of_shells}
+OF_SOLIDS = {name: effect for name, effect in effects().items() if not effect.only_of_kind}
 
 
 @pytest.mark.parametrize("name", OF_SOLIDS)

@@ -464,7 +464,7 @@ def test_pictures_show_faces_and_unknown_pressures(sheet: Path, monkeypatch: pyt
     monkeypatch.setattr(job_picture, "figure", lambda *_, legend, **__: legends.append(legend))
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     faces = {name: np.arange(2) == number for number, name in enumerate(("outer", "inner"))}
-    boundary = Boundary(corners, np.array([[0, 1, 2], [0, 2, 1]]), faces, is_shell=True)
+    boundary = Boundary(corners, np.array([[0, 1, 2], [0, 2, 1]]), faces, body_kind="shell")
     room = {"surface": "inner", "lid": {"apex": [1, 1, -1]}, "volume": "2 m^3"}
     heat = {
         "effect": "thermal-expansion",

@@ -72,7 +72,7 @@ INGREDIENTS = {
     **{
         f"effect {name}": ("effects[0]", effect.example)
         for name, effect in effects().items()
-        if not effect.is_of_shells
+        if not effect.only_of_kind
     },
     "law formula with differences": ("material", FORMULA),
 }

@@ -30,7 +30,7 @@ from hpcinv.solver.equations import Equations
 MATERIAL = {"law": "neo-hookean", "mu": "30 kPa", "lam": "120 kPa"}
 DIRECTIONS = ("forward", "inverse")
 EXAMPLES: dict[str, Effect] = {
-    name: effect.model_validate(effect.example) for name, effect in effects().items() if not effect.is_of_shells
+    name: effect.model_validate(effect.example) for name, effect in effects().items() if not effect.only_of_kind
 }
 
 of_every_effect = pytest.mark.parametrize("name", EXAMPLES)

@@ -51,7 +51,7 @@ def test_two_ranks_give_the_results_of_one(comm: MPI.Intracomm, run_directory: P
     assert difference < TOLERANCE
 
 
-PAIRS = list(itertools.combinations((name for name, kind in effects().items() if not kind.is_of_shells), 2))
+PAIRS = list(itertools.combinations((name for name, kind in effects().items() if not kind.only_of_kind), 2))
 """each two effects of solids"""
 
 

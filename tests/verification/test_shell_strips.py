@@ -127,7 +127,7 @@ def test_end_moment_of_a_cantilever(tmp_path: Path) -> None:
         assert shape[f"von_mises_{face}"].values == pytest.approx(abs(stress), rel=1e-2)
         stretches = shape[f"principal_stretches_{face}"].values
         assert stretches[:, 0 if sign > 0 else 2] == pytest.approx(1 + sign * largest, rel=2e-4)
-    assert boundary.is_shell
+    assert boundary.body_kind == "shell"
 
 
 @pytest.mark.parametrize("layers", [1, 2])

@@ -31,7 +31,7 @@ from hpcinv.solver.equations import Equations
 
 ORDER = 10
 SWITCHES = ("contact", "hydrostatic-pressure")
-ANALYTIC = [name for name, kind in sorted(effects().items()) if name not in SWITCHES and not kind.is_of_shells]
+ANALYTIC = [name for name, kind in sorted(effects().items()) if name not in SWITCHES and not kind.only_of_kind]
 FIBRES = {"fibre": {"direction": ["1 + y/(3 m)", "0.5", "Z/(2 m)"], "given_on": "current"}}
 KINDS = [(direction, form) for direction in ("forward", "inverse") for form in ("displacement", "mixed")]
 

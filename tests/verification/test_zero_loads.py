@@ -89,7 +89,7 @@ def test_an_effect_of_size_zero_moves_nothing(
         pytest.skip("an elastic layer that a given body does not touch is refused")
     families = {f: {"direction": [1, 0, 0], "given_on": "reference"} for f in kind.model_validate(effect).families}
     mesh: dict[str, Any] = box((1, 1, 1))
-    if kind.is_of_shells:
+    if kind.only_of_kind:
         run_directory.mkdir(exist_ok=True)
         file = save_sheet(run_directory / "sheet.msh", 1, 1, flat(1.0, 1.0))
         mesh = {"file": str(file), "shell": {"thickness": "1 cm"}}

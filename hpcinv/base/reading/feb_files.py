@@ -53,8 +53,8 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _no_solids(mesh: ET.Element) -> Fault:
-    has_shells = any(part.get("type", "").lower().startswith(_FLAT) for part in mesh.iter("Elements"))
-    remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if has_shells else ""
+    types = [part.get("type", "").lower() for part in mesh.iter("Elements")]
+    remedy = " Save shells as .vtu or .inp, with 'mesh: {shell: …}'." if any(t.startswith(_FLAT) for t in types) else ""
     return Fault("has no solid elements", f"Elements are {', '.join(_SOLID)}.{remedy}")
 
 
@@ -134,16 +134,16 @@ def _local(cells: Any, number: int) -> Any:
 
 def _shells(mesh: ET.Element, cells: list[list[int]]) -> set[frozenset[int]]:
     """Return the vertices of the shells that are on no solid element; surfaces on them are left out."""
-    shells = {
+    flat = {
         frozenset(_integers(element)[: 3 if kind.startswith("tri") else 4])
         for part in mesh.iter("Elements")
         if (kind := part.get("type", "").lower()).startswith(("tri", "quad", "q4"))
         for element in part
     }
-    if shells:
+    if flat:
         faces = FACES[4 if len(cells[0]) in (4, 10) else 8]
-        shells -= {frozenset(cell[i] for i in face) for cell in cells for face in faces}
-    return shells
+        flat -= {frozenset(cell[i] for i in face) for cell in cells for face in faces}
+    return flat
 
 
 def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, list[int]]]:

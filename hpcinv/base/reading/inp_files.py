@@ -52,7 +52,6 @@ FACES = {
 }
 """vertices of the faces S1, S2, … of an element, by its number of vertices"""
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
-_SHELL = re.compile(r"(?:S|STRI|M3D)(3|4|6|8|9)[A-Z0-9]*", re.ASCII)
 _NOT_SOLID = re.compile(
     r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T[23]D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
 )
@@ -64,6 +63,56 @@ _THICKNESS = "values:nodal_thickness"
 _WITH_END = ("PART", "INSTANCE", "ASSEMBLY", "STEP")
 _OF_JOBS = {*USED}  # keywords that a job may have, and a mesh has not
 _MOST_GENERATED = 10_000_000  # members of a generated set; more are a damaged line
+
+
+class _Solids:
+    """Solid elements, and the base of others that are read instead."""
+
+    types: ClassVar[re.Pattern[str]] = _SOLID
+    has_rotations: ClassVar[bool] = False
+
+    def face(self, name: str, nodes: int) -> int:
+        """Return the number of a face of an element; raise ``IndexError`` if it has fewer."""
+        return solid_face(name, nodes)
+
+    def check_other(self, place: str, kind: str) -> None:
+        """Raise `Fault` for elements of another kind that these cannot stand next to."""
+
+    def lacking(self, part: Part) -> Fault:
+        """Return the fault of a part without these elements."""
+        remedy = " For shell elements give 'mesh: {shell: {thickness: …}}'." if part.others else ""
+        text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
+        return Fault("has no solid elements", text)
+
+    def thickness(self, parts: Sequence[Part]) -> dict[str, Any]:
+        """Return an array of the thickness at the nodes of some parts, if they have one."""
+        for part in parts:
+            _thickness(part)  # damaged lines are faults
+        return {}
+
+
+class _Shells(_Solids):
+    """Elements of shells and membranes."""
+
+    types: ClassVar[re.Pattern[str]] = re.compile(r"(?:S|STRI|M3D)(3|4|6|8|9)[A-Z0-9]*", re.ASCII)
+    has_rotations: ClassVar[bool] = True
+
+    def face(self, name: str, nodes: int) -> int:
+        return shell_edge(name, nodes)
+
+    def check_other(self, place: str, kind: str) -> None:
+        if _SOLID.fullmatch(kind):
+            text = f"{place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
+            raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
+
+    def lacking(self, part: Part) -> Fault:
+        text = "Elements of shells are S3, S4, S6, S8 and S9, also with R. Leave 'shell' out for a solid."
+        return Fault("has no shell elements", text)
+
+    def thickness(self, parts: Sequence[Part]) -> dict[str, Any]:
+        if not any(part.thickness for part in parts):
+            return {}
+        return {_THICKNESS: np.array([value for part in parts for value in _thickness(part)])}
 
 
 @dataclass
@@ -163,7 +212,7 @@ def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     Arrays are ``points`` (n, 3), ``node_tags`` (n,), ``cells`` (m, k) in the order of the file, ``cell_tags`` (m,),
     ``cells:NAME`` and ``nodes:NAME`` (rows of the members of a set), ``faces:NAME`` (cell, number of the face from 0).
     """
-    head, arrays, cells = _content(path, _SOLID)
+    head, arrays, cells = _content(path, _Solids())
     sizes = {len(cell) for cell in cells}
     if len(sizes) > 1:
         raise Fault(f"has elements of {' and '.join(map(str, sorted(sizes)))} nodes", "Use one kind of elements.")
@@ -177,7 +226,7 @@ def read_inp_shells(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     for the whole element -1, on its side along the normal -2. ``values:nodal_thickness`` (n,) is of ``*NODAL
     THICKNESS``, not a number where a cell has none.
     """
-    head, arrays, cells = _content(path, _SHELL)
+    head, arrays, cells = _content(path, _Shells())
     offsets, connectivity = np.cumsum([0, *map(len, cells)]), np.concatenate(cells).astype(np.int64)
     if (thickness := arrays.get(_THICKNESS)) is not None:  # nodes without cells need none
         known = thickness[connectivity]
@@ -186,32 +235,29 @@ def read_inp_shells(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return head, arrays | {"offsets": offsets, "connectivity": connectivity}
 
 
-def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[str, Any], list[list[int]]]:
-    """Return what `read_inp` does, and the nodes of the elements of some kinds apart."""
-    file = _FileReader(path, kinds)
+def _content(path: Path, kind: _Solids) -> tuple[dict[str, Any], dict[str, Any], list[list[int]]]:
+    """Return what `read_inp` does, and the nodes of the elements of a kind apart."""
+    file = _FileReader(path, kind)
     file.read()
     placed = placed_parts(file.parts, file.instances) or [(file.parts[""], at_place, "")]
     points: list[Any] = []
     tags: list[int] = []
     cells: list[list[int]] = []
     cell_tags: list[int] = []
-    thickness: list[float] = []
     sets: dict[str, list[Any]] = {}
     for part, moved, name in placed:
         if not part.elements:
-            raise _without_elements(part, kinds)
+            raise kind.lacking(part)
         node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
         cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
         points += [moved(position) for position in part.nodes.values()]
         tags += part.nodes
         cell_tags += part.elements
         cells += _cells(part, node_row)
-        thickness += _thickness(part)
-        face = solid_face if kinds is _SOLID else shell_edge
-        for kind, key in part.names:
-            rows = rows_of_set(part, kind, key, node_row, cell_row, cells, face)
+        for place, key in part.names:
+            rows = rows_of_set(part, place, key, node_row, cell_row, cells, kind.face)
             if len(rows):
-                sets.setdefault(_name_of_set(part, kind, key, name if len(placed) > 1 else ""), []).extend(rows)
+                sets.setdefault(_name_of_set(part, place, key, name if len(placed) > 1 else ""), []).extend(rows)
     if len(placed) > 1:  # numbers of several instances repeat
         tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
     arrays: dict[str, Any] = {
@@ -221,8 +267,7 @@ def _content(path: Path, kinds: re.Pattern[str]) -> tuple[dict[str, Any], dict[s
     }
     for name, rows in sets.items():
         arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
-    if kinds is _SHELL and any(part.thickness for part, _, _ in placed):
-        arrays[_THICKNESS] = np.array(thickness)
+    arrays |= kind.thickness([part for part, _, _ in placed])
     return {"ignored": sorted(file.ignored)}, arrays, cells
 
 
@@ -252,16 +297,6 @@ def _thickness(part: Part) -> list[float]:
     return list(values.values())
 
 
-def _without_elements(part: Part, kinds: re.Pattern[str]) -> Fault:
-    """Return the fault of a part without elements of the kinds that are read."""
-    if kinds is _SHELL:
-        text = "Elements of shells are S3, S4, S6, S8 and S9, also with R. Leave 'shell' out for a solid."
-        return Fault("has no shell elements", text)
-    remedy = " For shell elements give 'mesh: {shell: {thickness: …}}'." if part.others else ""
-    text = f"Elements are C3D4, C3D10, C3D8, C3D20 and C3D27, also with H, R, I or M.{remedy}"
-    return Fault("has no solid elements", text)
-
-
 class _FileReader:
     """Reads the keywords of a file in order.
 
@@ -271,13 +306,13 @@ class _FileReader:
         ignored: what is not used.
     """
 
-    def __init__(self, path: Path, kinds: re.Pattern[str]) -> None:
+    def __init__(self, path: Path, kind: _Solids) -> None:
         self.parts: dict[str, Part] = {"": Part()}
         self.instances: list[Keyword] = []
         self.ignored: set[str] = set()
-        self._path, self._kinds = path, kinds
+        self._path, self._kind = path, kind
         self._current = self.parts[""]
-        self._conditions = _Conditions(SingleConditions(has_rotations=kinds is _SHELL))
+        self._conditions = _Conditions(SingleConditions(has_rotations=kind.has_rotations))
         self._open: dict[str, str] = {}  # places of keywords whose end is missing
 
     def read(self) -> None:
@@ -299,7 +334,7 @@ class _FileReader:
             raise Fault(f"{place}: *{name} has no *END {name}", "Is the file complete?")
         outside = self.parts[""]
         if not self.parts.keys() - {""}:
-            self._conditions.add_sets(outside, has_rotations=self._kinds is _SHELL)
+            self._conditions.add_sets(outside, has_rotations=self._kind.has_rotations)
         self._check_parts()
 
     def _note_ends(self, card: Keyword) -> None:
@@ -336,7 +371,7 @@ class _FileReader:
             self.ignored.add("normals of nodes")
 
     def _read_elements(self, card: Keyword) -> None:
-        self.ignored.update(_read_elements(self._current, card, self._kinds))
+        self.ignored.update(_read_elements(self._current, card, self._kind))
 
     def _owner(self, card: Keyword) -> Part:
         """Return the part that a set is of."""
@@ -425,16 +460,16 @@ def _read_nodes(part: Part, card: Keyword) -> bool:
     return has_normals
 
 
-def _read_elements(part: Part, card: Keyword, kinds: re.Pattern[str]) -> list[str]:
+def _read_elements(part: Part, card: Keyword, read: _Solids) -> list[str]:
     """Read the elements of a keyword; return what is ignored.
 
     As CalculiX does, entries after the last node of an element are ignored. They are faults if lines differ in length:
     then they may be nodes of another type of elements.
     """
     kind = needed(card, "TYPE").upper()
-    match = kinds.fullmatch(kind)
+    match = read.types.fullmatch(kind)
     if match is None:
-        return _note_others(part, card, kind, kinds)
+        return _note_others(part, card, kind, read)
     count = int(match[1])
     group = part.members("cells", card.options["ELSET"]) if card.options.get("ELSET") else []
     pending: list[int] = []
@@ -456,11 +491,9 @@ def _read_elements(part: Part, card: Keyword, kinds: re.Pattern[str]) -> list[st
     return [f"entries after the {count} nodes of elements {shown(kind)}"] if is_longer else []
 
 
-def _note_others(part: Part, card: Keyword, kind: str, kinds: re.Pattern[str]) -> list[str]:
+def _note_others(part: Part, card: Keyword, kind: str, read: _Solids) -> list[str]:
     """Note elements of another kind, such as springs, masses and surfaces of mesh programs; return what is ignored."""
-    if kinds is _SHELL and _SOLID.fullmatch(kind):
-        text = f"{card.place}: a shell cannot be tied to solid elements, such as {shown(kind)}"
-        raise Fault(text, "Save the surface alone, or mesh all of it as a solid.")
+    read.check_other(card.place, kind)
     if not _NOT_SOLID.fullmatch(kind):
         text = f"{card.place}: elements {shown(kind)} are not supported"
         raise Fault(text, "Use C3D4, C3D10, C3D8, C3D20 or C3D27, also with H, R, I or M.")

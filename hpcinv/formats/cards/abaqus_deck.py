@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
@@ -15,7 +14,7 @@ from hpcinv.formats.cards.abaqus_couplings import Couplings
 from hpcinv.formats.cards.abaqus_elastic import elastic_law, is_isotropic
 from hpcinv.formats.cards.abaqus_file import InputFile, NodeSets
 from hpcinv.formats.cards.abaqus_loads import DistributedLoads, PointLoads
-from hpcinv.formats.cards.abaqus_shell import SECTIONS, has_shells, section_of
+from hpcinv.formats.cards.abaqus_shell import SECTIONS, elements_of, section_of
 from hpcinv.formats.cards.abaqus_supports import Supports
 from hpcinv.formats.cards.abaqus_transform import Transforms
 from hpcinv.formats.cards.card import CardError, Counterpart, UnknownLaw, number
@@ -24,7 +23,6 @@ from hpcinv.formats.cards.deck import Deck, isotropic, layer_name
 _CONDITIONS = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD")
 _TIES = ("EQUATION", "MPC")
 """equations between displacements of nodes"""
-_SHELL = re.compile(r"(S|STRI|M3D)[34689][A-Z0-9]*", re.ASCII)
 _OF_MATERIALS = (
     *("PLASTIC", "CREEP", "VISCOELASTIC", "HYSTERESIS", "MULLINS EFFECT", "EXPANSION", "DAMAGE INITIATION"),
     *("NO COMPRESSION", "NO TENSION", "CONDUCTIVITY", "SPECIFIC HEAT", "DAMPING", "DEPVAR", "USER MATERIAL"),
@@ -33,9 +31,9 @@ _OF_MATERIALS = (
 """keywords of materials, which are listed with the name of theirs"""
 
 
-def is_shell(text: str) -> bool:
-    """Return whether the elements of a file are shells; raise ``UnknownLaw`` if some are."""
-    return has_shells(keywords_of_text(text))
+def body_kind(text: str) -> str:
+    """Return the name of the kind of the body; raise ``UnknownLaw`` if only some elements are shells."""
+    return elements_of(keywords_of_text(text)).body_kind
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
@@ -56,17 +54,17 @@ class _KeywordReader:
 
     def __init__(self, file: Sequence[Keyword], nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._file, self._deck = file, Deck()
-        self._is_shell = has_shells(file)
+        self._elements = elements_of(file)
         names = [keyword.options.get("NAME", "") for keyword in file if keyword.name == "MATERIAL"]
         self._materials = {name.lower(): name for name in names}  # case does not count
         self._axes = {k.options.get("NAME", "").lower(): k for k in file if k.name == "ORIENTATION"}
         self._material, self._step = "", 0
         _refuse_turned_axes(file)
-        unused, is_shell = self._deck.unused, self._is_shell
+        unused, elements = self._deck.unused, self._elements
         sets = NodeSets(nodes_of_sets)
         amplitudes, transforms = Amplitudes(file), Transforms(file, sets.nodes)
-        couplings, single = Couplings(file, unused), SingleConditions(has_rotations=is_shell)
-        named = InputFile(self._deck, amplitudes, transforms, couplings, sets, single, is_shell)
+        couplings, single = Couplings(file, unused), SingleConditions(has_rotations=elements.has_rotations)
+        named = InputFile(self._deck, amplitudes, transforms, couplings, sets, single, elements)
         self._supports, self._loads = Supports(named), DistributedLoads(named)
         own_sets = {k.options["NSET"].lower() for k in file if k.name in ("NODE", "NSET") and "NSET" in k.options}
         self._forces = PointLoads(named, own_sets)
@@ -109,7 +107,7 @@ class _KeywordReader:
 
     def _read_elements(self, keyword: Keyword) -> None:
         kind = keyword.options.get("TYPE", "").upper()
-        if not (_SHELL.fullmatch(kind) if self._is_shell else kind.startswith("C3D")):
+        if not self._elements.has_type(kind):
             self._deck.unused.append(f"elements of type {kind}")
 
     def _begin_material(self, keyword: Keyword) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from hpcinv.base.reading.abaqus_keywords import Keyword
 from hpcinv.base.reading.single_conditions import AXES, force_groups, pressed_groups
-from hpcinv.base.reading.standing_conditions import COMPONENTS, EDGE_LOAD, PRESSED, NewConditions, Standing, vectors
+from hpcinv.base.reading.standing_conditions import COMPONENTS, NewConditions, Standing, vectors
 from hpcinv.formats.cards.abaqus_couplings import SPREAD
 from hpcinv.formats.cards.abaqus_file import InputFile
 from hpcinv.formats.cards.abaqus_supports import Supports, motion_of
@@ -21,12 +21,6 @@ from hpcinv.formats.cards.deck import Measure, NodalForces, RigidRegion
 type _Load = tuple[str, str, str, tuple[float, ...]]
 """keyword, set, kind, and direction or axis"""
 type _Vector = tuple[float, float, float]
-
-
-def _is_pressed_face(kind: str) -> bool:
-    """Return whether a load presses on a numbered face of its elements."""
-    match = PRESSED.fullmatch(kind)
-    return match is not None and bool(match[1])
 
 
 class DistributedLoads:
@@ -61,7 +55,7 @@ class DistributedLoads:
 
     def _read_single(self, name: str, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         kind = line[1].upper() if len(line) > 1 else ""
-        if not ((self._file.is_shell and (kind == "P" or EDGE_LOAD.fullmatch(kind))) or _is_pressed_face(kind)):
+        if not self._file.elements.can_bear(kind):
             self._not_read[f"*{name}"] += 1
             return
         try:
@@ -82,7 +76,7 @@ class DistributedLoads:
                 steps.setdefault(name, set()).add(load.step)
             elif kind == "CENTRIF" and keyword == "DLOAD" and direction:
                 self._add_rotation(load.scaled, direction, name)
-            elif (effect := self._pressure(keyword, name, kind, load.scaled)) is not None:
+            elif (effect := self._file.elements.pressure(keyword, name, kind, load.scaled)) is not None:
                 self._deck.effects.append(effect)
             else:
                 self._deck.unused.append(f"*{keyword}, {kind} on {name}")
@@ -108,24 +102,10 @@ class DistributedLoads:
             text = f"the order of the pressures on {', '.join(names)}, which several steps have"
             self._deck.unused.append(f"{text}: where they share faces, the file has the later one, and the job all")
 
-    def _pressure(self, keyword: str, name: str, kind: str, size: float) -> dict[str, Any] | None:
-        """Return the section of a pressure, or of a force by length of an edge; ``None`` if it is something else."""
-        pressure = {"effect": "pressure", "region": name, "pressure": Measure(size, stress=1)}
-        if keyword == "DSLOAD" and kind == "P":
-            return pressure | ({"face": "surface"} if self._file.is_shell else {})
-        if self._file.is_shell and (keyword, kind) == ("DLOAD", "P"):
-            return pressure | {"face": "back"}
-        if self._file.is_shell and (EDGE_LOAD.fullmatch(kind) if keyword == "DLOAD" else kind == "EDNOR"):
-            edge = f"{name}-{kind}" if keyword == "DLOAD" else name
-            return pressure | {"region": edge, "pressure": Measure(size, length=1, stress=1), "face": "edge"}
-        if keyword == "DLOAD" and _is_pressed_face(kind):
-            return pressure | {"region": f"{name}-{kind}"}
-        return None
-
     def _add_single(self, standing: Standing[tuple[int, int]], called: str) -> None:
         """Add the loads on single elements by the sets that the reader of the mesh makes of them."""
         added, is_edge = 0, called != "pressed"
-        face = {"face": "edge" if is_edge else "back"} if self._file.is_shell else {}
+        face = self._file.elements.face(is_edge=is_edge)
         raw = {place: value.raw for place, value in standing.values.items()}
         for name, _, places in pressed_groups(raw, called):
             sizes = {standing.values[place].scaled for place in places}
@@ -194,7 +174,8 @@ class PointLoads:
     def _read_line(self, line: list[str], step: int, scaled: Callable[[float], float]) -> None:
         component = line[1] if len(line) > 1 else ""
         reference = self._file.couplings.reference(line[0])
-        if component not in COMPONENTS or (component > "3" and not self._file.is_shell and reference is None):
+        has_moments = self._file.elements.has_rotations or reference is not None
+        if component not in COMPONENTS or (component > "3" and not has_moments):
             self._deck.unused.append(f"*CLOAD, {', '.join(line)}")
             return
         size = number(line[2] or "0", "*CLOAD") if len(line) > 2 else 0.0

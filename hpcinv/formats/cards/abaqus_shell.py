@@ -5,13 +5,19 @@ Sources: *Abaqus Keywords Guide*, ``*SHELL SECTION``; Dhondt, *CalculiX CrunchiX
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from typing import Any, ClassVar
 
 from hpcinv.base.reading.abaqus_keywords import Keyword
+from hpcinv.base.reading.standing_conditions import EDGE_LOAD
+from hpcinv.formats.cards.abaqus_file import SolidElements
 from hpcinv.formats.cards.card import CardError, UnknownLaw, number
-from hpcinv.formats.cards.deck import ShellSection
+from hpcinv.formats.cards.deck import Measure, ShellSection
+from hpcinv.job.body_kinds import SHELL
 
 SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "MEMBRANE SECTION")
+_TYPES = re.compile(r"(S|STRI|M3D)[34689][A-Z0-9]*", re.ASCII)
 _OTHERS = ("SOLID SECTION", "BEAM SECTION", "BEAM GENERAL SECTION", "FRAME SECTION")
 _OFFSETS = {"SPOS": 0.5, "SNEG": -0.5}
 _NOT_READ = {
@@ -22,8 +28,33 @@ _NOT_READ = {
 _NODAL = "nodal_thickness"  # array that the reader of the mesh makes
 
 
-def has_shells(file: Iterable[Keyword]) -> bool:
-    """Return whether the elements of a file are shells.
+class ShellElements(SolidElements):
+    """Elements of shells and membranes."""
+
+    body_kind: ClassVar[str] = SHELL.name
+    has_rotations: ClassVar[bool] = True
+
+    def has_type(self, name: str) -> bool:
+        return _TYPES.fullmatch(name) is not None
+
+    def can_bear(self, load: str) -> bool:
+        return load == "P" or EDGE_LOAD.fullmatch(load) is not None or super().can_bear(load)
+
+    def pressure(self, keyword: str, name: str, load: str, size: float) -> dict[str, Any] | None:
+        pressure: dict[str, Any] = {"effect": "pressure", "region": name, "pressure": Measure(size, stress=1)}
+        if load == "P":
+            return pressure | {"face": "surface" if keyword == "DSLOAD" else "back"}
+        if EDGE_LOAD.fullmatch(load) if keyword == "DLOAD" else load == "EDNOR":
+            edge = f"{name}-{load}" if keyword == "DLOAD" else name
+            return pressure | {"region": edge, "pressure": Measure(size, length=1, stress=1), "face": "edge"}
+        return super().pressure(keyword, name, load, size)
+
+    def face(self, *, is_edge: bool) -> dict[str, str]:
+        return {"face": "edge" if is_edge else "back"}
+
+
+def elements_of(file: Iterable[Keyword]) -> SolidElements:
+    """Return the elements of a file.
 
     Raises:
         UnknownLaw: there are shells, and solids or beams.
@@ -33,7 +64,7 @@ def has_shells(file: Iterable[Keyword]) -> bool:
     if shells and others:
         text = f"has *{shells[0]} and *{others[0]}: shells tied to solids or beams have no counterpart"
         raise UnknownLaw(f"{text}; delete the elements and the section of what bears no load, or mesh all as a solid")
-    return bool(shells)
+    return ShellElements() if shells else SolidElements()
 
 
 def section_of(keyword: Keyword) -> ShellSection:

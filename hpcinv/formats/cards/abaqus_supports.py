@@ -63,7 +63,7 @@ class Supports:
         if self._file.single.read("BOUNDARY", [name, *entries], step, amplitude.of) or reference is not None:
             return
         name = self._spelled.setdefault(name.lower(), name)
-        for axis, value in held_axes(entries, has_rotations=self._file.is_shell).items():
+        for axis, value in held_axes(entries, has_rotations=self._file.elements.has_rotations).items():
             self._held.put((name, axis), step, value, amplitude.of(value))
 
     def moved(self) -> dict[int, dict[str, float]]:

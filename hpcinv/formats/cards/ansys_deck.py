@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from hpcinv.formats.cards.ansys import Property, property_of
 from hpcinv.formats.cards.card import number
 from hpcinv.formats.cards.deck import Deck, isotropic
+from hpcinv.job.body_kinds import SOLID
 
 _AXES = {"UX": "x", "UY": "y", "UZ": "z"}
 _READ = frozenset({"D", "ET", "ETBL", "NBLO", "EBLO", "CMBL", "N", "MP", "MPDA", "TB", "TBDA", "TBTE", "*SET"})
@@ -33,9 +34,9 @@ def _begins_command(name: str) -> bool:
     return name[:1].isalpha() or (name[:1] in "/*" and name[1:2].isalpha())
 
 
-def is_shell(text: str) -> bool:
-    """Return False: shells of archives are not read."""
-    return False
+def body_kind(text: str) -> str:
+    """Return the name of the kind of the body: shells of archives are not read."""
+    return SOLID.name
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:

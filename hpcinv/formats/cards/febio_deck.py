@@ -12,6 +12,7 @@ from hpcinv.formats.cards.deck import Deck, Measure, NodalForces
 from hpcinv.formats.cards.entry import vector
 from hpcinv.formats.cards.febio import root_of
 from hpcinv.formats.cards.febio_curves import LoadCurves
+from hpcinv.job.body_kinds import SOLID
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
 _WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
@@ -24,12 +25,13 @@ _OPTIONS = frozenset(
 """elements within conditions and loads that are read, or that do not change the load"""
 _ATTRIBUTES = frozenset({"name", "type", "node_set", "surface", "elem_set", "bc", "lc", "id"})
 _SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
+_SIDES = {"shell_bottom": " below a shell"}  # options of loads that are not read, and what they say
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
-def is_shell(text: str) -> bool:
-    """Return False: shells alone are not read."""
-    return False
+def body_kind(text: str) -> str:
+    """Return the name of the kind of the body: shells alone are not read."""
+    return SOLID.name
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
@@ -88,10 +90,10 @@ class _DeckReader:
             types: of materials by name and number.
         """
         domains = {domain.get("name"): domain.get("mat") for domain in self._root.findall("MeshDomains/*")}
-        for part in self._root.iter("Elements"):
+        elements = self._root.iter("Elements")
+        for part in (part for part in elements if part.get("type", "").lower().startswith(_SHELLS)):
             material = part.get("mat") or domains.get(part.get("name")) or ""
-            is_shell = part.get("type", "").lower().startswith(_SHELLS)
-            if is_shell and types.get(material, "rigid body") != "rigid body":
+            if types.get(material, "rigid body") != "rigid body":
                 text = f"has shells, such as <Elements name='{part.get('name', '')}'>, which have no counterpart"
                 raise UnknownLaw(f"{text} next to solids; delete those that bear no load, or mesh all as a solid")
 
@@ -137,9 +139,8 @@ class _DeckReader:
         return {}
 
     def _read_load(self, load: ET.Element) -> None:
-        kind, region = load.get("type", ""), load.get("surface", "")
-        if _is_set(load, "shell_bottom"):
-            kind = f"{kind} below a shell"
+        sides = [words for option, words in _SIDES.items() if _is_set(load, option)]
+        kind, region = "".join([load.get("type", ""), *sides]), load.get("surface", "")
         if kind == "pressure" and (value := self._pressure(load, region)) is not None:
             key = "dead_pressure" if _is_set(load, "linear") else "pressure"
             self._deck.effects.append({"effect": "pressure", "region": region, key: value})

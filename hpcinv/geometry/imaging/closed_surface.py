@@ -25,7 +25,7 @@ _VOXELS = 8  # along the size of a cell
 _MARGIN = 3  # voxels around the body, which is not cut by the border of an image
 _MOST = 200e6  # bytes, one for each voxel
 _SAME = 0.01  # relative difference of the volumes of triangles and voxels from which on the surface cuts itself
-_MOST_SHELLS = 1000
+_MOST_PARTS = 1000
 
 
 def fill(
@@ -131,7 +131,7 @@ def read_closed(path: Path) -> pyvista.PolyData:
     pairs = edges[np.repeat(shared == 2, shared)].reshape(-1, 2) // 3  # triangles that share a manifold edge
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(len(facets),) * 2)
     count, shell = connected_components(graph, directed=False)
-    if count > _MOST_SHELLS:
+    if count > _MOST_PARTS:
         raise MeshError(f"{path}: has {count:,} separate shells", "Is it the surface of a body?")
     return _turned(np.asarray(surface.points, dtype=np.float64), facets, shell, pairs, count)
 

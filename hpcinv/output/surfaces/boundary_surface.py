@@ -16,6 +16,7 @@ from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import OutputError
+from hpcinv.job.body_kinds import KINDS, SOLID
 
 NAME = "surface.npz"
 _REGION, _RESULT, _FIBRES = "region:", "result:", "fibres:"
@@ -69,7 +70,7 @@ class Boundary:
         results: what was found, for each state of the body; empty before a run.
         error: estimated error of the displacement gradient in the cell behind each triangle, root mean square, (m,).
         fibres: by family, unit directions on the undeformed body in the cell behind each triangle, (m, 3).
-        is_shell: whether stresses and stretches are on the faces of a shell.
+        body_kind: name of the kind of the body; if that has faces, stresses and stretches are on them.
     """
 
     points: Floats
@@ -78,7 +79,12 @@ class Boundary:
     results: tuple[BoundaryResult, ...] = ()
     error: Floats | None = None
     fibres: Mapping[str, Floats] = field(default_factory=dict)
-    is_shell: bool = False
+    body_kind: str = SOLID.name
+
+    @property
+    def faces(self) -> tuple[str, ...]:
+        """Regions of the two faces of a body of cells through its thickness; none of others."""
+        return KINDS[self.body_kind].faces
 
     @property
     def size(self) -> str:
@@ -106,8 +112,7 @@ def write_boundary(path: Path, boundary: Boundary) -> None:
     arrays: dict[str, Any] = {"points": boundary.points, "triangles": boundary.triangles}
     if boundary.error is not None:
         arrays["error"] = boundary.error
-    if boundary.is_shell:
-        arrays["is_shell"] = np.array(True)
+    arrays["body_kind"] = np.array(boundary.body_kind)
     arrays |= {_REGION + name: mask for name, mask in boundary.regions.items()}
     arrays |= {_FIBRES + name: directions.astype(np.float32) for name, directions in boundary.fibres.items()}
     for i, result in enumerate(boundary.results):
@@ -151,7 +156,7 @@ def read_boundary(path: Path) -> Boundary:
         for kind, given in ((Boundary, arrays), *((BoundaryResult, result) for result in results.values())):
             _check_arrays(path, kind, given.keys())
         each = tuple(BoundaryResult(**result) for result in results.values())
-        arrays["is_shell"] = bool(arrays.get("is_shell", False))
+        arrays["body_kind"] = KINDS[str(arrays.get("body_kind", SOLID.name))].name
         boundary = Boundary(regions=regions, results=each, fibres=directions, **arrays)
     except FileNotFoundError:
         raise OutputError(

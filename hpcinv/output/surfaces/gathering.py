@@ -90,7 +90,7 @@ def boundary_of(
         results=tuple(results),
         fibres={name: values_by_name[f"fibre:{name}"] for name in families} if solutions else {},
         error=values_by_name["error"][:, 0] if estimate else None,
-        is_shell=body.source.shell is not None,
+        body_kind=body.source.body_kind,
     )
 
 

@@ -20,7 +20,7 @@ from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, directions, e
 _BODY = "#d9d9d9"
 _SUPPORTS = ("#0072B2", "#56B4E9", "#004466", "#88AACC")
 _LOADS = ("#D55E00", "#E69F00", "#CC79A7", "#8B2500")
-_FACES = {"outer": "#C3DEC9", "inner": "#E8DFB0"}  # of a shell, where they have no support or load
+_FACES = ("#C3DEC9", "#E8DFB0")  # of the outer and the inner face, where they have no support or load
 _SYMBOLS = 40  # of one support or load
 _SIZE = 0.07  # of an arrow, relative to the body
 _TEXT = 90  # characters of a line of the legend
@@ -63,7 +63,7 @@ def draw_job(job: Job, boundary: Boundary) -> Picture:
         vector = _numbers(getattr(effect, "traction", getattr(effect, "moment", None)))
         pull = -normals if vector is None else np.broadcast_to(vector / np.linalg.norm(vector), normals.shape)
         parts.append(Glyphs(centres, colour, pull * _SIZE * size))
-    for face, colour in _FACES.items() if boundary.is_shell else ():
+    for face, colour in zip(boundary.faces, _FACES, strict=False):
         new = boundary.region_mask(face) & ~marked
         marked |= new
         if new.any():

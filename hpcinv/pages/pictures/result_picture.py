@@ -77,7 +77,7 @@ def draw_result(
             continue
         shadow = DrawnBody(shapes[0 if i else 1].points, boundary.triangles, opacity=0.35)
         views.append(View([*parts, shadow], frame, front, up, shape.title))
-        if boundary.is_shell and label.endswith(_PLACE):
+        if boundary.faces and label.endswith(_PLACE):
             views.append(View(parts, frame, back, up, f"{shape.title}, from behind"))
     status, verdict = summary["status"], summary["certificate"]["verdict"]
     draw = partial(
@@ -93,7 +93,7 @@ def draw_result(
 
 
 def _title_of_colours(label: str, symbol: str, boundary: Boundary, cut: Cut | None) -> str:
-    if boundary.is_shell:
+    if boundary.faces:
         label = label.replace(_PLACE, " at the faces" + (" and within" if cut else ""))
     return f"{label} ({symbol})" if symbol else label
 

@@ -49,7 +49,7 @@ def scene(
         "points": len(kept.points),
         "triangles": arrays.add_whole(kept.triangles),
         "of": {"points": len(boundary.points), "triangles": len(boundary.triangles)},
-        "shell": boundary.is_shell,
+        "shell": bool(boundary.faces),
         "decimated": len(kept.points) < len(boundary.points),
         "up": [0.0, 0.0, 1.0] if up is None else (up / np.linalg.norm(up)).tolist(),
         "axes": axes_of(summary["job"].get("mesh") or {}),

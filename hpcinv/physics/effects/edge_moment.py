@@ -19,7 +19,7 @@ class EdgeMoment(Effect):
 
     example: ClassVar = {"effect": "edge-moment", "region": "x1", "moment": [0, "0.1 N m/m", 0]}
 
-    is_of_shells: ClassVar = True
+    only_of_kind: ClassVar = "shell"
 
     effect: Literal["edge-moment"] = "edge-moment"
     region: Surface

@@ -27,8 +27,8 @@ class Effect(Ingredient):
     directions: ClassVar[frozenset[Direction]] = frozenset({"forward", "inverse"})
     """The directions that the effect supports; a job with another one is refused."""
 
-    is_of_shells: ClassVar[bool] = False
-    """True if it acts on the edges of shells, and other bodies with it are refused."""
+    only_of_kind: ClassVar[str] = ""
+    """Name of the kind of body that it is for, such as ``shell``; others with it are refused. Empty: for all."""
 
     attached: ClassVar[frozenset[str]] = frozenset()
     """Quantities of a load that belong to the body, such as its density: x, y, z in their formulas is the position in

@@ -11,7 +11,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import Resolution, is_generator, resolution_of
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.cells import sub_entities, vertex_count
-from hpcinv.mesh.midsurface import halved_shell
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.refine.degree import inner_dofs
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats, Ints, MeshSource
@@ -98,9 +98,9 @@ class Meshes:
         if self.comm.rank == 0:
             given = body.source
             for _ in range(times):
-                given = halved_shell(given) if body.build_halved is not None else refine(given).source
+                given = source_of(given.body_kind).cut(given)
         size = None if variant.size is None else variant.size / factor
-        parts = (8 if body.build_halved is None else 4) ** times
+        parts = 2 ** (self.job.mesh.kind.dimension * times)
         return Variant(variant.resolution, given, True, size, f"each cell cut into {parts}")
 
     def halved_cells(

@@ -11,7 +11,7 @@ from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.discretisation_error import FINER, LINEAR, Estimate, estimate
+from hpcinv.trust.certificate.discretisation_error import LINEAR, Estimate, estimate, finer_problem_of
 
 DISCRETISATION = topic(
     "discretisation error of the shape, relative to the displacement",
@@ -53,7 +53,7 @@ class DiscretisationCheck(Check):
 
 def _lack(equations: Equations) -> str:
     """Return why memory does not suffice for an estimate."""
-    finer = FINER[equations.job.mesh.kind]
+    finer = finer_problem_of(equations.job.mesh.kind)
     forecast = finer.forecast(equations)
     return f"there is no memory for {forecast.least / 1e9:.2g} GB{finer.attempts(forecast)}"
 

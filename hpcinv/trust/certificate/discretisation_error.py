@@ -42,13 +42,14 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.body_kinds import SHELL, SOLID, BodyKind
+from hpcinv.job.body_kinds import BodyKind
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.job.state_differences import parts, with_differences
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.location import Point, cells_at, locate, position
 from hpcinv.mesh.source import Floats
+from hpcinv.on_demand import variant
 from hpcinv.physics.effects import Direction
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import carried, evaluate
@@ -56,7 +57,6 @@ from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
 from hpcinv.trust.certificate.finer_problem import Correction, FinerProblem
-from hpcinv.trust.certificate.finer_shell import FinerShell
 from hpcinv.trust.certificate.finer_solid import FinerSolid
 from hpcinv.trust.certificate.layer_errors import LayerError
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
@@ -65,8 +65,10 @@ from hpcinv.trust.certificate.singular_limit import SingularLimit, singular_limi
 LINEAR = 0.5
 """Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
 
-FINER: Mapping[BodyKind, type[FinerProblem]] = {SOLID: FinerSolid, SHELL: FinerShell}
-"""finer problem of each kind of body"""
+
+def finer_problem_of(kind: BodyKind) -> type[FinerProblem]:
+    """Return the finer problem of a kind of body."""
+    return variant(f"finer problem of a {kind.name}", FinerSolid)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ def estimate(
         ``None`` if iterations do not find the correction and there is no memory to factorize the finer problem.
     """
     quantities = tuple(q for q in solution.job.quantities if not q.is_reaction)
-    problem = FINER[equations.job.mesh.kind](equations, solution, rest_correction)
+    problem = finer_problem_of(equations.job.mesh.kind)(equations, solution, rest_correction)
     if not solution.is_on_given_mesh:
         quantities = carried(quantities, equations.body, problem.nodes)
     current = solution.current_nodes if solution.is_on_given_mesh else equations.body.given_nodes

@@ -25,7 +25,7 @@ class FaceCheck(Check):
     name, order = "faces", 60
 
     def applies(self, run: CheckedRun) -> bool:
-        return super().applies(run) and run.solution.job.mesh.shell is not None
+        return super().applies(run) and bool(run.solution.job.mesh.kind.faces)
 
     def lines(self, run: CheckedRun) -> Iterator[Line]:
         run.equations.put(run.solution)

@@ -70,7 +70,7 @@ def singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats] | 
 def _singular_edges(job: Job, body: Body, configurations: Mapping[str, Floats]) -> SingularEdges | None:
     mesh = body.mesh
     exterior = dolfinx.mesh.exterior_facet_indices(mesh.topology).astype(np.int32)
-    if body.source.midsurface is not None:  # these edges act on a strip as wide as the shell is thick
+    if not job.mesh.kind.has_singular_edges:
         exterior = exterior[:0]
     nodes, areas = outer_facets(mesh, exterior)
     held = np.zeros((len(exterior), len(job.supports)), dtype=np.int64)

@@ -1,0 +1,61 @@
+"""The mesh of a body as its file has it, and the body made of it: what depends on the kind of the body.
+
+This class is for solids, and the base of the others'.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.job.sections import ArrayLabels, MeshSpec
+from hpcinv.mesh.label_groups import add_label_groups
+from hpcinv.mesh.orientation import consistently_oriented
+from hpcinv.mesh.readers import FILES
+from hpcinv.mesh.source import DataArray, Floats, MeshSource
+from hpcinv.on_demand import on_demand, variant
+
+
+class KindSource:
+    """The mesh of a body of cells that its file has."""
+
+    def read(self, path: Path, labels: ArrayLabels | None) -> MeshSource:
+        """Return the mesh of a file, in its unit.
+
+        Args:
+            labels: array that has further regions, which `labelled` adds to solids.
+        """
+        return FILES[suffix_of(path)](path)
+
+    def oriented(self, source: MeshSource) -> MeshSource:
+        """Return the mesh as it was read with cells that are not inverted, where that can be seen."""
+        return consistently_oriented(source)
+
+    def labelled(self, source: MeshSource, labels: ArrayLabels) -> MeshSource:
+        """Return the mesh as it was read with the regions of an array."""
+        return add_label_groups(source, labels)
+
+    def body(self, source: MeshSource, spec: MeshSpec) -> MeshSource:
+        """Return the body of a mesh as it was read."""
+        return source
+
+    def cut(self, body: MeshSource) -> MeshSource:
+        """Return the body with each cell cut into cells of half the size."""
+        refined: MeshSource = on_demand("refined mesh")(body).source
+        return refined
+
+    def moved(self, body: MeshSource, shape: MeshSource) -> Floats:
+        """Return the nodes (n, 3) m of the body whose mesh in the file has moved to ``shape``."""
+        return shape.points
+
+    def saved(self, body: MeshSource, points: Floats, more: Mapping[str, DataArray]) -> tuple[MeshSource, Floats]:
+        """Return mesh and nodes for a file of the body at ``points`` (n, 3) m, with more data."""
+        return dataclasses.replace(body, data={**body.data, **more}), points
+
+
+def source_of(kind: str) -> KindSource:
+    """Return what makes the body of a kind, by its name."""
+    source: KindSource = variant(f"mesh of a {kind}", KindSource)()
+    return source
