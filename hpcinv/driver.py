@@ -34,8 +34,13 @@ from hpcinv.solver.methods.method import Guess, Start
 from hpcinv.solver.observer import Observers, SolvedDirection, Stopped, StopSignal
 from hpcinv.solver.workspace import Workspace
 from hpcinv.trust.certificate import Certificate, Estimate, certify_all
-from hpcinv.trust.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
-from hpcinv.trust.sensitivity.surface_errors import SurfaceSpread, SurfaceSpreads
+from hpcinv.trust.sensitivity.sensitivities import (
+    Sensitivities,
+    Spreads,
+    SurfaceSpread,
+    joined_sensitivities,
+    spreads_of,
+)
 
 
 def run(
@@ -112,7 +117,7 @@ class _Solved:
         slopes: by the computed shape.
     """
 
-    spreads: SurfaceSpreads
+    spreads: Spreads
     solutions: list[Solution] = field(default_factory=list)
     values: dict[str, QuantityValue] = field(default_factory=dict)
     quantities: dict[str, QuantityValue] = field(default_factory=dict)
@@ -145,7 +150,7 @@ class _Outputs(StepControl):
         self.checkpoints = CheckpointWriter(checkpoints, store, first, self.restart)
         self.snapshots = SnapshotWriter(store, first, self.restart)
         super().__init__(Observers(progress, self.checkpoints, self.snapshots, self.report, stop))
-        self._spreads = SurfaceSpreads(job, prepared.body)
+        self._spreads = spreads_of(job, prepared.body)
 
     @contextmanager
     def keeping(self) -> Iterator[_Solved]:
@@ -186,7 +191,7 @@ def _solve(prepared: Prepared, outputs: _Outputs, solved: _Solved) -> None:
             solved.quantities |= with_differences(job.quantities, solved.values)
             if parameters := job.differentiated:
                 first = None if step.mesh is None else (solved.solutions[0], next(iter(solved.slopes.values())))
-                solved.slopes[step.shape] = sensitivities(equations, solution, parameters, first)
+                solved.slopes[step.shape] = on_demand("sensitivities")(equations, solution, parameters, first)
             solved.spreads.add(step.shape, equations, solution)
             outputs.store.write_shape(job, equations, solution, outputs.progress)
         outputs.checkpoints.finished(solution)

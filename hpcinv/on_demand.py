@@ -10,21 +10,30 @@ from typing import Any
 from hpcinv.errors import SystemPartMissing
 
 FUNCTIONS = {
+    "arc length": "hpcinv.solver.arc_length:ArcLengthSteps",
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
+    "estimate of errors": "hpcinv.trust.certificate.discretisation_error:estimate",
+    "finer problem": "hpcinv.trust.certificate.discretisation_error:finer_problem_of",
     "finer problem of a shell": "hpcinv.trust.certificate.finer_shell:FinerShell",
-    "mesh of elements and sets": "hpcinv.formats.readers.elements:read_elements",
-    "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
-    "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
+    "fixed-point method": "hpcinv.solver.methods.fixed_point:FixedPointMethod",
     "mesh of a CAD file": "hpcinv.geometry.cad.cad_mesh:cad_mesh",
     "mesh of a shell": "hpcinv.mesh.midsurface:ShellSource",
     "mesh of a vessel": "hpcinv.geometry.vessels.vessel_mesh:vessel_mesh",
+    "mesh of an image": "hpcinv.geometry.imaging.image_mesh:image_mesh",
+    "mesh of elements and sets": "hpcinv.formats.readers.elements:read_elements",
+    "mesh of surfaces": "hpcinv.geometry.imaging.image_mesh:surface_mesh",
+    "motion after failures": "hpcinv.solver.failing_motion:failing_motion",
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
+    "power series": "hpcinv.solver.series_continuation:SeriesSteps",
     "refined mesh": "hpcinv.mesh.refine.refinement:refine",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
+    "search for accuracy": "hpcinv.trust.accuracy.search:Search",
+    "sensitivities": "hpcinv.trust.sensitivity.analysis:sensitivities",
+    "spreads by errors of the surface": "hpcinv.trust.sensitivity.surface_errors:SurfaceSpreads",
     "start from a sweep": "hpcinv.studies.sweep.reduced_basis:predicted_guesses",
     "surface in a file": "hpcinv.geometry.imaging.closed_surface:read_closed",
-    "surface of a shell": "hpcinv.formats.readers.shell_surfaces:read_shell_surface",
     "surface in an image": "hpcinv.geometry.imaging.image_surface:image_surface",
+    "surface of a shell": "hpcinv.formats.readers.shell_surfaces:read_shell_surface",
 }
 """module and function by what they make"""
 

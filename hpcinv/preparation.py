@@ -15,6 +15,7 @@ from hpcinv.job.sections import CUT
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
 from hpcinv.model.cavities import check_cavities
+from hpcinv.on_demand import on_demand
 from hpcinv.output.progress import Progress
 from hpcinv.results.quantities_of_interest import check_points
 from hpcinv.results.shape_distance import Expected, read_expected
@@ -108,9 +109,7 @@ def _prepared_by_search(
     job: Job, workspace: Workspace, progress: Progress, timings: Timings, stop: Observer
 ) -> Prepared:
     """Return the equations on a mesh and in spaces that meet the accuracy that the job demands; collective."""
-    from hpcinv.trust.accuracy.search import Search
-
     with progress.phase("searching", "for mesh and degree"):
-        record, best = Search(job, workspace.comm, timings, progress.note, stop).run()
+        record, best = on_demand("search for accuracy")(job, workspace.comm, timings, progress.note, stop).run()
     job, equations = best.job, [best.equations] * len(best.job.plan)
     return Prepared(job, equations, None, (best.solution,), record, best.estimate, best.unused_options)

@@ -26,8 +26,7 @@ from hpcinv.results.totals import Totals
 from hpcinv.trust.accuracy import AccuracyRecord
 from hpcinv.trust.certificate import Certificate, Estimate, Verdict
 from hpcinv.trust.certificate.overlap import OVERLAP
-from hpcinv.trust.sensitivity.analysis import Sensitivities
-from hpcinv.trust.sensitivity.surface_errors import SurfaceSpread
+from hpcinv.trust.sensitivity.sensitivities import Sensitivities, SurfaceSpread
 
 
 class Quantities(dict[str, Any]):

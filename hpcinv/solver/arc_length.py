@@ -1,5 +1,7 @@
 """Arc-length continuation along the path of equilibria from the unloaded body, through limit points of the load."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -35,6 +37,9 @@ class ArcLengthSteps(Policy):
     most: int = 200
     path_tolerance: float = 1e-8
     easy: int = 6
+
+    def in_second_direction(self) -> ArcLengthSteps:
+        return replace(self, limit_points=0)  # that has none
 
     def solves(self, path: EquilibriumPath) -> Solves:
         """Yield every solve along the path, up to one limit point more than allowed (`Outcome.LIMIT_POINT`).

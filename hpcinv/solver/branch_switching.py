@@ -22,7 +22,6 @@ from hpcinv.solver.bordering import Bordering, Corrected
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.power_series import PowerSeries
 
-STRATEGY = "branch switching"
 """Strategy of the solve that ends on another path."""
 
 _STEP = 0.1

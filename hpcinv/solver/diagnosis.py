@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
-from hpcinv.solver.newton import Solve
-from hpcinv.solver.series_continuation import STRATEGY as SERIES
+from hpcinv.solver.newton import SERIES, Solve
 
 
 class Diagnosis(enum.Enum):

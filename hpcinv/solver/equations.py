@@ -15,7 +15,7 @@ from hpcinv.mesh import Body
 from hpcinv.model.assembly.system import System
 from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.solver.arc_length import ArcLengthSteps
+from hpcinv.on_demand import on_demand
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.equilibrium_path import Policy
 from hpcinv.solver.hinge_checks import check_hinges
@@ -166,5 +166,6 @@ class Equations(DiscreteModel):
             return equal_steps(solver.steps, solver.tolerance)
         first, least = solver.initial_step, solver.minimum_step
         if solver.strategy == "arc-length":
-            return ArcLengthSteps(first, least, solver.limit_points, solver.maximum_steps)
+            arcs: Policy = on_demand("arc length")(first, least, solver.limit_points, solver.maximum_steps)
+            return arcs
         return AdaptiveSteps(first, least)

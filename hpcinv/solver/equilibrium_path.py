@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hpcinv.model.outcome import Outcome
+from hpcinv.on_demand import on_demand
 from hpcinv.solver.equilibrium import Equilibrium, Kept
 from hpcinv.solver.newton import Solve
 
@@ -30,6 +31,27 @@ class Policy(ABC):
         The state is always the state of the last accepted solve. The last solve is accepted at load factor 1, or its
         outcome is the reason why the full load was not reached.
         """
+
+    def in_second_direction(self) -> Policy:
+        """Return the policy of a round trip's second direction."""
+        return self
+
+
+@dataclass(frozen=True)
+class PolicyOnDemand(Policy):
+    """A policy that is imported when a path follows it.
+
+    Attributes:
+        made: its name in `hpcinv.on_demand`.
+        settings: its fields, in order.
+    """
+
+    made: str
+    settings: tuple[Any, ...]
+
+    def solves(self, path: EquilibriumPath) -> Solves:
+        policy: Policy = on_demand(self.made)(*self.settings)
+        return policy.solves(path)
 
 
 @dataclass

@@ -18,6 +18,10 @@ from hpcinv.solver.predictor import Increment
 type Tolerance = float | Callable[[float], float]
 
 
+SERIES, SWITCHED = "power series", "branch switching"
+"""strategies of solves by power series, and of solves that leave the path at a bifurcation"""
+
+
 @dataclass(frozen=True)
 class NewtonIteration:
     """One iteration: norms of correction, state and residual (scaled), and whether it had a new tangent."""

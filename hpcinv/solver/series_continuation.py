@@ -20,15 +20,12 @@ from hpcinv.base.quantity.arrays import Floats
 from hpcinv.model.assembly.taylor_residual import TaylorResidual
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.points.scalar_graph import NotAnalytic
-from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.branch_switching import Bifurcation, bifurcation_of, switched
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import SERIES, SWITCHED, Solve
 from hpcinv.solver.power_series import Coefficients, PowerSeries
 from hpcinv.solver.predictor import Increment, Prediction
-
-STRATEGY = "power series"
 
 _ORDERS = 20
 """Orders of an expansion. Fewer have a shorter range on slender bodies; more cost more than they reach farther."""
@@ -139,13 +136,13 @@ class SeriesContinuation:
             series = self._expand(load, goal, _ENOUGH, are_near=are_near)
             path.spent += self._linear.factorizations - before
             if isinstance(series, Outcome):  # after a solve that failed there may be no factors
-                yield path.report(Solve(load, series, (), 0), STRATEGY)
+                yield path.report(Solve(load, series, (), 0), SERIES)
                 return
             mark = self._linear.inertia_mark()
             for solve in self._corrected(series, origin, goal, kept, path, steps):
                 are_near = solve.factorizations > 0
                 solve = self._branched(solve, series, origin, mark, path.cases)
-                yield path.report(solve, SWITCHED if solve.strategy == SWITCHED else STRATEGY)
+                yield path.report(solve, SWITCHED if solve.strategy == SWITCHED else SERIES)
             origin.destroy()
             least = steps.smallest / path.cases
             is_short = solve.load < goal and solve.load - load < least * solve.load
@@ -155,7 +152,7 @@ class SeriesContinuation:
             short = short + 1 if is_short and solve.strategy != SWITCHED and self._limit(series) is None else 0
             if short == _SHORT_RANGES or not is_accepted:
                 solve = self._small_step(series, path, steps)
-                yield path.report(solve, STRATEGY)
+                yield path.report(solve, SERIES)
                 if not solve.outcome.accepted:
                     return
                 short, are_near = 0, solve.factorizations > 0

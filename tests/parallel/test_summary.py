@@ -28,7 +28,7 @@ from hpcinv.output.result import Result
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.trust.certificate import Certificate, Estimate, skipped, upper_bound_line
 from hpcinv.trust.certificate.equilibrium_residual import EQUILIBRIUM
-from hpcinv.trust.certificate.layer_errors import LayerError
+from hpcinv.trust.certificate.estimate import LayerError
 from hpcinv.trust.certificate.overlap import OVERLAP
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from hpcinv.model.assembly.moduli_at_points import moduli_of_two_rules
 from hpcinv.model.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.model.spaces import Unknowns
 from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.discretisation_error import Estimate
+from hpcinv.trust.certificate.estimate import Estimate
 from hpcinv.trust.certificate.transfer import Transfer
 
 ONLY = {"level": "off", "estimate": True}

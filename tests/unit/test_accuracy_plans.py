@@ -13,7 +13,7 @@ import pytest
 from helpers.verification import box, job
 
 from hpcinv.errors import JobError
-from hpcinv.trust.accuracy.accuracy_record import JUDGES_OF_MESHES, AccuracyRecord, AccuracyStep, Ending
+from hpcinv.trust.accuracy.accuracy_record import AccuracyRecord, AccuracyStep, Ending
 from hpcinv.trust.accuracy.assessment import Assessment, Finding, assess, hindsight
 from hpcinv.trust.accuracy.marking import CLOSURE, plan
 from hpcinv.trust.accuracy.refinement_forecast import (
@@ -30,7 +30,9 @@ from hpcinv.trust.accuracy.refinement_forecast import (
 )
 from hpcinv.trust.certificate import Verdict
 from hpcinv.trust.certificate.check import Line, Topic
+from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
 from hpcinv.trust.certificate.round_trip import ROUND_TRIP
+from hpcinv.trust.certificate.volume import UNACCOUNTED
 
 GOOD: dict[str, Any] = {
     "mesh": box(),
@@ -352,7 +354,7 @@ def test_errors_of_a_layer_enter_the_bound() -> None:
     assert assess([trial], {"q": 1e-3}, None).layer_excess == 0.0
 
 
-@pytest.mark.parametrize("topic", JUDGES_OF_MESHES)
+@pytest.mark.parametrize("topic", [DISCRETISATION, UNACCOUNTED])
 def test_a_certificate_that_doubts_the_mesh_leaves_a_promise_undecided(topic: Topic) -> None:
     step = AccuracyStep("as it is", 48, 2, 375, {}, {}, {}, None, "", 3, 1.0)
     bounds, certain = {"a": 0.5, "b": 4.0}, {"a": 0.1, "b": 1.2}

@@ -13,8 +13,8 @@ from helpers.verification import box, job
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import build_body
 from hpcinv.trust.certificate.discretisation_error import quantities_at_singular_fibres
+from hpcinv.trust.certificate.estimate import SingularLimit
 from hpcinv.trust.certificate.singular_edges import SingularEdges, singular_edges
-from hpcinv.trust.certificate.singular_limit import SingularLimit
 from hpcinv.trust.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 
 FREE, SLIDING, CLAMPED = Hold.FREE, Hold.SLIDING, Hold.CLAMPED

@@ -25,7 +25,8 @@ from hpcinv.mesh import build_body
 from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.methods import UPDATES, FixedPointMethod
+from hpcinv.solver.methods.fixed_point import FixedPointMethod
+from hpcinv.solver.methods.updates import UPDATES
 
 type Map = Callable[[np.ndarray], np.ndarray]
 

@@ -24,7 +24,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.output.result import Result
 from hpcinv.solver.workspace import Workspace
-from hpcinv.trust.sensitivity.analysis import Sensitivities
+from hpcinv.trust.sensitivity.sensitivities import Sensitivities
 
 MU, LAM, SQUEEZE = 10e3, 40e3, 3e3
 STEP = 1e-3  # relative

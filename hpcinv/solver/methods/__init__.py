@@ -1,13 +1,11 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
 from hpcinv.model.outcome import Outcome
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.failing_motion import failing_motion
 from hpcinv.solver.methods.direct_method import DirectMethod
-from hpcinv.solver.methods.fixed_point import FixedPointMethod
 from hpcinv.solver.methods.method import Method, Start
-from hpcinv.solver.methods.updates import UPDATES
 from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
 
@@ -19,7 +17,8 @@ def method_for(equations: Equations, direction: Direction, observer: Observer = 
     """Return the method of the equations' job; forward problems are always solved directly."""
     if direction == "forward" or equations.job.method == "direct":
         return DirectMethod(equations, direction, observer)
-    return FixedPointMethod(equations, observer)
+    method: Method = on_demand("fixed-point method")(equations, observer)
+    return method
 
 
 def solve_direction(equations: Equations, direction: Direction, start: Start, observer: Observer) -> SolvedDirection:
@@ -57,7 +56,8 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
             and isinstance(method, DirectMethod)
             and not method.equilibrium.numbers.count
         ):
-            lines = failing_motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
+            motion = on_demand("motion after failures")
+            lines = motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
             observer.failing(lines)
         if ends:
             break
@@ -75,4 +75,4 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
     return solved
 
 
-__all__ = ["UPDATES", "DirectMethod", "FixedPointMethod", "Method", "method_for", "solve_direction"]
+__all__ = ["DirectMethod", "Method", "method_for", "solve_direction"]

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
-from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
 from hpcinv.solver.load_stepping import AdaptiveSteps
@@ -29,9 +28,8 @@ class DirectMethod(Method):
         self.equilibrium = equations.equilibrium(equations.weak_form(direction), observer)
         self.equations, self.direction = equations, direction
         self.unknown_loads = UnknownLoads(equations, self.equilibrium)
-        self.steps = equations.steps
-        if isinstance(self.steps, ArcLengthSteps) and direction != equations.job.directions[0]:
-            self.steps = replace(self.steps, limit_points=0)  # the second direction has none
+        is_first, steps = direction == equations.job.directions[0], equations.steps
+        self.steps = steps if is_first else steps.in_second_direction()
 
     def solves(self, start: Start = UNLOADED) -> Solves:
         self.reached_load = start.load

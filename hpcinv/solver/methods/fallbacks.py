@@ -18,15 +18,12 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 from hpcinv.model.outcome import Outcome
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
-from hpcinv.solver.arc_length import ArcLengthSteps
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, Solves, limited
+from hpcinv.solver.equilibrium_path import EquilibriumPath, Policy, PolicyOnDemand, Solves, limited
 from hpcinv.solver.load_stepping import AdaptiveSteps
-from hpcinv.solver.methods.fixed_point import FixedPointMethod
-from hpcinv.solver.newton import Solve
-from hpcinv.solver.series_continuation import STRATEGY as SERIES
-from hpcinv.solver.series_continuation import SeriesSteps
+from hpcinv.solver.newton import SERIES, Solve
 
 EFFORT = {"arc-length": 80, "load steps": 100, "line-search": 50, "anderson": 100}
 
@@ -76,9 +73,8 @@ def _strategy(problem: Problem) -> Iterator[Solve]:
     """Yield the solves of the job's strategy."""
     path, steps, solver = problem.path, problem.steps, problem.equations.job.solver
     if isinstance(steps, AdaptiveSteps):
-        series = SeriesSteps(
-            steps.smallest, steps.path_tolerance, _SIDES[solver.branch], solver.continuation == "series"
-        )
+        settings = (steps.smallest, steps.path_tolerance, _SIDES[solver.branch], solver.continuation == "series")
+        series = PolicyOnDemand("power series", settings)
         steps = replace(steps, stop_early="arc-length" in solver.rescue)
         if solver.continuation == "series":
             yield from path.follow(series)
@@ -135,7 +131,7 @@ def _is_final(solve: Solve, load: float) -> bool:
 def _arc_length(problem: Problem, effort: int) -> Solves:
     least = problem.equations.job.solver.minimum_step
     if isinstance(problem.steps, AdaptiveSteps):
-        arcs = ArcLengthSteps(min(4 * least, 1.0), least / 256, most=100)
+        arcs = on_demand("arc length")(min(4 * least, 1.0), least / 256, most=100)
         yield from problem.path.follow(arcs, effort)
 
 
@@ -173,7 +169,8 @@ def _fixed_point(problem: Problem) -> Solves:
     job = problem.equations.job
     coarse_settings = job.fixed_point.model_copy(update={"tolerance": 1e-3, "maximum_iterations": 20})
     problem.equations.unload()
-    method = FixedPointMethod(problem.equations, problem.path.equilibrium.observer, "anderson", coarse_settings)
+    observer = problem.path.equilibrium.observer
+    method = on_demand("fixed-point method")(problem.equations, observer, "anderson", coarse_settings)
     try:
         for solve in method.solves():
             yield solve

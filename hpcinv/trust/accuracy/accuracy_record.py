@@ -7,11 +7,7 @@ from typing import Any
 
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.trust.certificate.check import Line, Verdict, topic
-from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
-from hpcinv.trust.certificate.volume import UNACCOUNTED
 
-JUDGES_OF_MESHES = (DISCRETISATION, UNACCOUNTED)
-"""Topics of the lines of the certificate that doubt a promise if they do not pass."""
 ERROR = topic(
     "error of …",
     "Bound of the estimated error, against what the job demands.",
@@ -113,7 +109,7 @@ class AccuracyRecord:
             checked: lines of the certificate. A promise is not decided while one of them doubts the mesh.
         """
         lines = [self._line(name, demand, units.get(name, ""), symbols) for name, demand in self.demands.items()]
-        doubts = [line.name for line in checked if line.topic in JUDGES_OF_MESHES and line.verdict in _DOUBTS]
+        doubts = [line.name for line in checked if line.topic.judges_mesh and line.verdict in _DOUBTS]
         if not doubts:
             return lines
         why = f"the certificate doubts the mesh: {', '.join(dict.fromkeys(doubts))}"

@@ -14,8 +14,7 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 from hpcinv.trust.certificate.check import Certificate, Line
-from hpcinv.trust.certificate.discretisation_error import Estimate
-from hpcinv.trust.certificate.finer_problem import Correction
+from hpcinv.trust.certificate.estimate import Correction, Estimate
 from hpcinv.trust.certificate.forward_factors import ForwardFactors
 
 

@@ -43,6 +43,7 @@ class Topic:
         computed: what is computed, with links from ``docs/reference``.
         thresholds: where it warns; where it fails.
         costs: what the check takes; empty if little.
+        judges_mesh: whether a line that does not pass doubts what a search for accuracy promises.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Topic:
     computed: str = ""
     thresholds: str = ""
     costs: str = ""
+    judges_mesh: bool = False
 
     def placed(self, place: str) -> Topic:
         """Return the topic with the place of a line in its name."""
@@ -62,9 +64,9 @@ TOPICS: dict[str, Topic] = {}
 """topics of lines by their names"""
 
 
-def topic(name: str, meaning: str, *remedies: str, **table: str) -> Topic:
+def topic(name: str, meaning: str, *remedies: str, judges_mesh: bool = False, **table: str) -> Topic:
     """Register a `Topic`, which has these attributes."""
-    TOPICS[name] = Topic(name, meaning, *remedies, **table)
+    TOPICS[name] = Topic(name, meaning, *remedies, judges_mesh=judges_mesh, **table)
     return TOPICS[name]
 
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 from math import isfinite
 
 from hpcinv.base.quantity.units import readable
+from hpcinv.on_demand import on_demand
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.discretisation_error import LINEAR, Estimate, estimate, finer_problem_of
+from hpcinv.trust.certificate.estimate import LINEAR, Estimate
 
 DISCRETISATION = topic(
     "discretisation error of the shape, relative to the displacement",
@@ -20,6 +21,7 @@ DISCRETISATION = topic(
     computed="[a Newton correction](../theory/error-estimate.md) in spaces of one degree more",
     thresholds="above 0.05; above 0.5 after a solve there",
     costs="a factorization in the finer spaces, in large bodies iterations",
+    judges_mesh=True,
 )
 WARN = 0.05
 """Error, relative to the displacement, above which the line warns."""
@@ -43,6 +45,7 @@ class DiscretisationCheck(Check):
             return
         is_asked = solution.job.certificate.estimate
         if run.estimate is None and is_asked:
+            estimate = on_demand("estimate of errors")
             run.estimate = estimate(equations, solution, run.computed, run.rest_correction, run.observer)
         if run.estimate is not None:
             scale = displacement_scale(equations, solution)
@@ -53,7 +56,7 @@ class DiscretisationCheck(Check):
 
 def _lack(equations: Equations) -> str:
     """Return why memory does not suffice for an estimate."""
-    finer = finer_problem_of(equations.job.mesh.kind)
+    finer = on_demand("finer problem")(equations.job.mesh.kind)
     forecast = finer.forecast(equations)
     return f"there is no memory for {forecast.least / 1e9:.2g} GB{finer.attempts(forecast)}"
 

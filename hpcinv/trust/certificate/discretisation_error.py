@@ -32,9 +32,8 @@ doi:10.1090/S0025-5718-1985-0777265-X; Ainsworth & Oden, *A Posteriori Error Est
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import isfinite
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +43,6 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.body_kinds import BodyKind
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
-from hpcinv.job.state_differences import parts, with_differences
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.location import Point, cells_at, locate, position
@@ -56,95 +54,16 @@ from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-from hpcinv.trust.certificate.finer_problem import Correction, FinerProblem
+from hpcinv.trust.certificate.estimate import LINEAR, Correction, Estimate
+from hpcinv.trust.certificate.finer_problem import FinerProblem
 from hpcinv.trust.certificate.finer_solid import FinerSolid
-from hpcinv.trust.certificate.layer_errors import LayerError
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
-from hpcinv.trust.certificate.singular_limit import SingularLimit, singular_limit
-
-LINEAR = 0.5
-"""Correction of the shape, relative to the displacement; above it one Newton step does not suffice."""
+from hpcinv.trust.certificate.singular_limit import singular_limit
 
 
 def finer_problem_of(kind: BodyKind) -> type[FinerProblem]:
     """Return the finer problem of a kind of body."""
     return variant(f"finer problem of a {kind.name}", FinerSolid)  # type: ignore[return-value]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Estimated discretisation errors of one solution.
-
-    Attributes:
-        quantities: corrected less computed value of each quantity of interest (SI), a list of 3 for a vector. Reactions
-            are left out: the corrected solution balances its forces only to first order.
-        corrected: the corrected values.
-        shape: largest correction of the displacement at a geometry node, in m.
-        cells: ``∫ |∇δ|² dx`` of each owned cell, in scaled lengths: where the error is.
-        unknowns: number of unknowns of the finer spaces.
-        limit: effect of singular edges; the errors are corrected for it; ``None`` without one.
-        segments: ends (n, 2, 3) m of these edges, the same on all ranks.
-        finer: where the finer problem is solved, as text for a note.
-        tangents: number of tangents of the finer spaces that were factorized.
-        is_solved: whether the finer problem was solved: of a shell, or with a correction too large for one Newton step.
-        is_too_dear: whether that was left out or given up, since it takes too long.
-        without_geometry: why the error of the geometry is left out; empty if it is included.
-        unreliable: names of the quantities at a point where fibres are singular.
-        correction: of the rest shape; ``None`` if it is not finite.
-        layer: errors of a shell's quantities that the estimate leaves out, since its layer is the same on finer cells.
-    """
-
-    quantities: Mapping[str, QuantityValue]
-    corrected: Mapping[str, QuantityValue]
-    shape: float
-    cells: npt.NDArray[np.float64]
-    unknowns: int
-    limit: SingularLimit | None = None
-    segments: Floats | None = None
-    finer: str = FinerSolid.where
-    tangents: int = 1
-    is_solved: bool = False
-    is_too_dear: bool = False
-    without_geometry: str = ""
-    unreliable: tuple[str, ...] = ()
-    correction: Correction | None = None
-    layer: Mapping[str, LayerError] = field(default_factory=dict)
-
-    @property
-    def left_out(self) -> str:
-        """Text for a note: which errors the estimate leaves out."""
-        return f", without the error of the geometry: {self.without_geometry}" if self.without_geometry else ""
-
-    def joined(self, other: Estimate) -> Estimate:
-        """Return the estimate with the quantities of another state added."""
-        quantities, corrected = {**self.quantities, **other.quantities}, {**self.corrected, **other.corrected}
-        unreliable = (*self.unreliable, *other.unreliable)
-        layer = {**self.layer, **other.layer}
-        return replace(self, quantities=quantities, corrected=corrected, unreliable=unreliable, layer=layer)
-
-    def of_quantities(self, quantities: Sequence[QuantityOfInterest]) -> Estimate:
-        """Return the estimate with the quantities between two states; their parts in each state are left out."""
-        return replace(
-            self,
-            quantities=with_differences(quantities, self.quantities),
-            corrected=with_differences(quantities, self.corrected),
-            unreliable=tuple(q.name for q in quantities if not {p.name for p in parts(q)}.isdisjoint(self.unreliable)),
-        )
-
-    def as_data(self) -> dict[str, Any]:
-        """The estimate as JSON data, without the cells."""
-        return {
-            "geometry": "left out" if self.without_geometry else "included",
-            "without_geometry": self.without_geometry,
-            "quantities": dict(self.quantities),
-            "corrected": dict(self.corrected),
-            "shape": self.shape,
-            "unknowns": self.unknowns,
-            "solved": self.is_solved,
-            "singular": self.limit and self.limit.as_data(),
-            "unreliable": list(self.unreliable),
-            "layer": {name: {"error": error.size, "cause": error.cause} for name, error in self.layer.items()},
-        }
 
 
 def estimate(

@@ -20,30 +20,13 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.newton import NewtonIteration
 from hpcinv.solver.observer import IterationObserver, Observer, SolveEvent
-from hpcinv.trust.certificate.layer_errors import LayerError
+from hpcinv.trust.certificate.estimate import Correction, LayerError
 
 SHARE = 0.5
 """Largest forecast time of the finer solve, relative to the solve; larger decides more lines."""
 LEAST = 1.0
 """Seconds that the finer solve may take in any case, since starting a run takes longer."""
 _OVERHEAD = 0.02  # seconds of an iteration in a body of few unknowns
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Correction of the rest shape by the estimate of the given state. Further states are solved on it.
-
-    Attributes:
-        nodes: correction of the local geometry nodes of the rest shape, (n, 3) in m.
-        displacement: corrected displacement of the given state in the finer spaces, in m.
-        without_geometry: as in `Estimate`, of further states.
-        finer_nodes: of a shell: the corrected rest shape at the nodes of the finer problem, (m, 3) in m.
-    """
-
-    nodes: Floats
-    displacement: fem.Function
-    without_geometry: str
-    finer_nodes: Floats | None = None
 
 
 @dataclass(frozen=True)

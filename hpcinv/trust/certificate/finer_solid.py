@@ -18,6 +18,7 @@ from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED
 from hpcinv.solver.observer import Observer
 from hpcinv.trust.certificate import two_level
+from hpcinv.trust.certificate.estimate import DEGREE_MORE
 from hpcinv.trust.certificate.extension import extend
 from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
 
@@ -25,7 +26,7 @@ from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, 
 class FinerSolid(FinerProblem):
     """A correction in spaces of one degree more; a solve there where that is large."""
 
-    where: ClassVar[str] = "in spaces of one degree more"
+    where: ClassVar[str] = DEGREE_MORE
 
     @staticmethod
     def forecast(given: Equations) -> Forecast:

@@ -7,7 +7,6 @@ the layer is too stiff: a displacement at a distance d from it misses a share of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,18 +19,11 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.results.quantities_of_interest import owned_nodes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.estimate import LayerError
 from hpcinv.trust.certificate.face_tractions import FaceTractions, face_tractions
 
 CLAMPED = 0.05
 """Error of a displacement, relative to its size, by ``t/d``; raised, bars of clamped shells are longer."""
-
-
-@dataclass(frozen=True)
-class LayerError:
-    """Error (SI) that the layer may leave in a quantity, 0 where it is not known, and its cause."""
-
-    size: float
-    cause: str
 
 
 def layer_errors(

@@ -7,11 +7,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 from hpcinv.results.solution import Solution
-from hpcinv.solver.branch_switching import STRATEGY as SWITCHED
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import NESTED
-from hpcinv.solver.newton import Solve
-from hpcinv.solver.series_continuation import STRATEGY as SERIES
+from hpcinv.solver.newton import SERIES, SWITCHED, Solve
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
 from hpcinv.trust.certificate.stability_check import StabilityCheck

@@ -18,8 +18,6 @@ Source: Babuška & Suri, SIAM Review 36, 578–632 (1994), doi:10.1137/1036141.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +27,10 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.estimate import SingularLimit
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges
 from hpcinv.trust.certificate.wedge_exponents import SMOOTH
 
-RAISED = 0.2
-"""Presumed ratio of smooth errors of one degree more; a larger one refines more."""
 SHARE = 0.3
 """Share of the error at singular edges from which errors may cancel; a larger one trusts more estimates."""
 FIBRE_SHARE = 0.1
@@ -41,65 +38,6 @@ FIBRE_SHARE = 0.1
 VOLUME = 0.5
 """Ratio of `volume_share` from which they do; a larger one trusts more estimates. Measured: below it effectivities of
 0.6 to 1.3, above it -4 to 3 (docs/theory/error-estimate.md)."""
-
-
-@dataclass(frozen=True)
-class SingularLimit:
-    """Effect of singular edges on the error of one solution.
-
-    Attributes:
-        share: share of the error that is in cells that touch these edges.
-        order: order at which this share of the error falls with the size of cells.
-        factor: ratio of the whole error to the part that the estimate finds.
-        is_reliable: whether an estimate on one mesh is reliable.
-        name: name of the edge with most of this error.
-        point: a point of that edge (m).
-        missed: factor of each owned cell: its share of the estimate is too small by it.
-        orders: order of the errors of each owned cell; infinite in those that touch no singular edge.
-    """
-
-    share: float
-    order: float
-    factor: float
-    is_reliable: bool
-    name: str
-    point: tuple[float, float, float]
-    missed: Floats
-    orders: Floats
-
-    @property
-    def text(self) -> str:
-        """The edge, and what it does to the rate."""
-        coordinates = ", ".join(f"{c:.4g}" for c in self.point)
-        return f"{self.name} at ({coordinates}) m: errors fall by {2**-self.order:.2g} where cells are halved"
-
-    @property
-    def doubt(self) -> str:
-        """Text for a note; empty if the estimate is reliable."""
-        return "" if self.is_reliable else f"not reliable here: {self.text}"
-
-    def as_data(self) -> dict[str, Any]:
-        """The effect as JSON data, without the cells."""
-        return {
-            "edge": self.name,
-            "at": list(self.point),
-            "share": self.share,
-            "order": self.order,
-            "factor": self.factor,
-            "reliable": self.is_reliable,
-        }
-
-    def remaining(self, refinement: float, degree: int, higher: int) -> float:
-        """Return the ratio of errors on cells smaller by ``refinement``, of a ``higher`` degree, to the present ones.
-
-        Errors away from the edges are presumed to fall as they do where nothing is known (`RAISED`).
-        """
-        smooth = refinement ** -(higher + 1.0) * RAISED ** (higher - degree)
-        return float(self.least_remaining(refinement, degree, higher) + (1 - self.share) * smooth)
-
-    def least_remaining(self, refinement: float, degree: int, higher: int) -> float:
-        """Return the part of that ratio at the edges."""
-        return float(self.share * (refinement * (higher / degree) ** 2) ** -self.order)
 
 
 def singular_limit(

@@ -53,6 +53,7 @@ UNACCOUNTED = topic(
     "Use smaller cells, or in solids 'discretisation: {displacement: 3}'.",
     computed="volumetric strain of nearly incompressible material without the strain of its pressure",
     thresholds="above 0.05; never",
+    judges_mesh=True,
 )
 SHARE = 0.01
 SMALLEST, LARGEST = 0.1, 10.0

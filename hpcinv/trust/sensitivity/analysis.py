@@ -18,11 +18,9 @@ doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncer
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -31,9 +29,8 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.job.sections import QuantityOfInterest, QuantityValue, Support
+from hpcinv.job.sections import QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
-from hpcinv.job.state_differences import with_differences
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.parameters import ParameterDirection
@@ -41,72 +38,8 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.trust.sensitivity.moving_nodes import node_rates
+from hpcinv.trust.sensitivity.sensitivities import Sensitivities, deviation_of, deviations_of
 from hpcinv.trust.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
-
-
-@dataclass(frozen=True)
-class Sensitivities:
-    """Derivatives of one solution by parameters (SI), and standard deviations to first order.
-
-    Attributes:
-        slopes: of each quantity of interest but reactions by parameter, a list of 3 for a vector.
-        displacement: of ``u = x - X``, by parameter.
-        nodes: of the body that was looked for, at the local geometry nodes, (n, 3), by parameter.
-        shape: largest length of those over all nodes.
-        deviations: of each quantity, ``None`` if no parameter has one.
-        deviation: of the shape, at the node where it is largest: ``√(Σ |dX/dθ|² σ²)`` in m, ``None`` likewise.
-        deviation_at: position (m) of that node in the body on whose mesh was solved.
-        shapes: the same of each solve by itself, by the state whose shape it computes; the other attributes but
-            ``slopes`` and ``deviations`` are then the first solve's.
-    """
-
-    parameters: Sequence[Parameter]
-    slopes: Mapping[str, Mapping[str, QuantityValue]]
-    displacement: Mapping[str, fem.Function]
-    nodes: Mapping[str, Floats]
-    shape: Mapping[str, float]
-    deviations: Mapping[str, QuantityValue | None]
-    deviation: float | None
-    deviation_at: list[float] | None
-    shapes: Mapping[str, Sensitivities] = field(default_factory=dict)
-
-    def as_data(self) -> dict[str, Any]:
-        """Return JSON data, without the fields."""
-        return {
-            "parameters": {p.key: {"value": p.value, "sd": p.deviation} | p.tied_keys for p in self.parameters},
-            "quantities": {
-                name: {"slopes": dict(key_slopes), "sd": self.deviations[name]}
-                for name, key_slopes in self.slopes.items()
-            },
-            "shape": self._shape(),
-        } | (
-            {"shapes": {name: sensitivities._shape() for name, sensitivities in self.shapes.items()}}
-            if self.shapes
-            else {}
-        )
-
-    def _shape(self) -> dict[str, Any]:
-        return {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at}
-
-    def fields(self) -> list[fem.Function]:
-        """Return fields for ParaView: ``d displacement/d KEY`` and, if known, the standard deviation ``sd`` in m."""
-        functions = []
-        for key, function in self.displacement.items():
-            named = function.copy()
-            named.name = f"d displacement/d {key}"
-            functions.append(named)
-        if self.deviation is not None:
-            functions.append(self.deviation_field("sd"))
-        return functions
-
-    def deviation_field(self, name: str) -> fem.Function:
-        """Return the standard deviation of the displacement in m."""
-        space = next(iter(self.displacement.values())).function_space
-        scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
-        field = fem.Function(scalar, name=name)
-        vectors = {key: function.x.array.reshape(-1, 3) for key, function in self.displacement.items()}
-        field.x.array[:] = _deviations(self.parameters, vectors)
-        return field
 
 
 def sensitivities(
@@ -153,34 +86,17 @@ def sensitivities(
     lengths = {key: np.linalg.norm(moved, axis=1) for key, moved in nodes.items()}
     deviation, point = None, None
     if any(p.deviation is not None for p in parameters):
-        deviation, point = _largest(comm, _deviations(parameters, nodes), solution.mesh_nodes)
+        deviation, point = _largest(comm, deviations_of(parameters, nodes), solution.mesh_nodes)
     return Sensitivities(
         parameters=parameters,
         slopes=quantity_slopes,
         displacement={p.key: _displacement(p, changes) for p in parameters},
         nodes=nodes,
         shape={key: _largest(comm, length, solution.mesh_nodes)[0] for key, length in lengths.items()},
-        deviations={name: _deviation(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
+        deviations={name: deviation_of(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
         deviation=deviation,
         deviation_at=point,
     )
-
-
-def joined_sensitivities(
-    shapes: Mapping[str, Sensitivities], quantities: Iterable[QuantityOfInterest]
-) -> Sensitivities | None:
-    """Join what was found with each computed shape, by its name, or with the one shape of a job without states.
-
-    Args:
-        quantities: all quantities of interest, in order.
-    """
-    first, *more = shapes.values() or [None]
-    if first is None or not more:
-        return first
-    slopes = {name: key_slopes for owner in shapes.values() for name, key_slopes in owner.slopes.items()}
-    slopes = with_differences(quantities, slopes)
-    deviations = {name: _deviation(first.parameters, key_slopes) for name, key_slopes in slopes.items()}
-    return replace(first, slopes=slopes, deviations=deviations, shapes=shapes)
 
 
 def _summed(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> dict[str, QuantityValue]:
@@ -330,20 +246,6 @@ def _rates_with_mesh(
     equations.put(solution)
     forces, by_mesh = np.split(rates, [len(rates) - numbers.count])
     return forces, by_mesh
-
-
-def _deviations(parameters: Sequence[Parameter], vectors: Mapping[str, Floats]) -> Floats:
-    """Return standard deviations (n,) of the lengths of vectors (n, 3) with these derivatives."""
-    squares = [(vectors[p.key] ** 2).sum(axis=1) * p.deviation**2 for p in parameters if p.deviation is not None]
-    return np.asarray(np.sqrt(sum(squares)))
-
-
-def _deviation(parameters: Sequence[Parameter], key_slopes: Mapping[str, QuantityValue]) -> QuantityValue | None:
-    parts = [np.array(key_slopes[p.key]) * p.deviation for p in parameters if p.deviation is not None]
-    if not parts:
-        return None
-    deviation: QuantityValue = np.linalg.norm(parts, axis=0).tolist()
-    return deviation
 
 
 def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float, list[float]]:

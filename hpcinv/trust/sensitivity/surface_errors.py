@@ -32,7 +32,8 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
 from hpcinv.trust.certificate.symmetry import symmetry_planes
-from hpcinv.trust.sensitivity.analysis import Sensitivities, joined_sensitivities, sensitivities
+from hpcinv.trust.sensitivity.analysis import sensitivities
+from hpcinv.trust.sensitivity.sensitivities import Sensitivities, Spreads, joined_sensitivities
 
 SPREAD = topic(
     "standard deviation of the shape by errors of the given surface",
@@ -151,7 +152,7 @@ class SurfaceSpread:
         return [[shape.deviation_field("surface sd")] for shape in self.shapes.values()]
 
 
-class SurfaceSpreads:
+class SurfaceSpreads(Spreads):
     """Spread of the shapes of a run by errors of the given surface, solve by solve; methods are collective."""
 
     def __init__(self, job: Job, body: Body) -> None:
@@ -165,7 +166,6 @@ class SurfaceSpreads:
             self._failure = "errors of a region that a remote load moves as a rigid body are not followed"
 
     def add(self, shape: str, equations: Equations, solution: Solution) -> None:
-        """Follow the errors to the shape that a solve has found."""
         if self._errors is None or self._failure:
             return
         begun = time.perf_counter()
@@ -184,11 +184,6 @@ class SurfaceSpreads:
         self._seconds += time.perf_counter() - begun
 
     def spread_of(self, quantities: Iterable[QuantityOfInterest]) -> SurfaceSpread | None:
-        """Return what was found, ``None`` if no errors are known.
-
-        Args:
-            quantities: all quantities of interest, in order.
-        """
         if self._errors is None:
             return None
         if self._failure:
