@@ -14,7 +14,6 @@ from hpcinv.job.mesh_generators import is_generator
 from hpcinv.job.sections import CUT
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
-from hpcinv.model.cavities import check_cavities
 from hpcinv.on_demand import on_demand
 from hpcinv.output.progress import Progress
 from hpcinv.results.quantities_of_interest import check_points
@@ -79,7 +78,7 @@ def _prepared_on_job_mesh(
             progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
-        for text in check_cavities(job, body):
+        for text in on_demand("check of cavities")(job, body) if job.cavities else ():
             progress.warn(text)
     _end_if_asked(comm, stop)
     equations = workspace.equations(job, body, timings)

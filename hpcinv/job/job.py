@@ -53,7 +53,6 @@ from hpcinv.job.identification import Identification, faults_of_identification
 from hpcinv.job.interfaces import Interface
 from hpcinv.job.kind_rules import KIND_RULES
 from hpcinv.job.layers import Layering, layerings_of
-from hpcinv.job.mesh_contents import contents_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
@@ -66,6 +65,7 @@ from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation,
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import AnyEffect, Direction, Effect
 from hpcinv.physics.materials import Material, MaterialLaw
 
@@ -645,7 +645,7 @@ def check_files(job: Job) -> list[Path]:
         sections.append(("expected_shape", job.expected_shape, [job.expected_shape.file]))
     for section, spec, files in sections:
         for file in files:
-            found = contents_of(spec, file, job.resolve(file))
+            found = on_demand("contents of a mesh file")(spec, file, job.resolve(file))
             unread += [] if found.is_read else [job.resolve(file)]
             problems += [f"{job.path}: {section}: '{file}' {found.fault}"] if found.fault else []
             known = found.groups if section == "mesh" and file == job.mesh.file else known

@@ -32,17 +32,13 @@ from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element, kind_and_degree, scalar_element
 from hpcinv.mesh.checks import CHUNK, check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
-from hpcinv.mesh.distributed.partitioned import read_partitioned
 from hpcinv.mesh.distributed.rows import Rows
-from hpcinv.mesh.face_files import add_face_files
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.readers import GENERATORS
-from hpcinv.mesh.refine.degree import change_degree
-from hpcinv.mesh.refine.finer_geometry import NO_CAD, FinerGeometry, file_geometry, surface_geometry
 from hpcinv.mesh.regions import Mesh, Region, build_regions, find
-from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.mesh.source import NO_CAD, FinerGeometry, Floats, Ints, MeshSource
 from hpcinv.on_demand import on_demand
 
 BODY = "body"
@@ -246,7 +242,9 @@ def read_source(
     for note in source.notes[known:]:
         report(note)
     source = join_facets(source)
-    return source if spec.geometry_degree is None else change_degree(source, spec.geometry_degree)
+    if spec.geometry_degree is not None:
+        source = on_demand("cells of another degree")(source, spec.geometry_degree)
+    return source
 
 
 def read_mesh_file(spec: MeshSpec, path: Path) -> MeshSource:
@@ -267,7 +265,7 @@ def _with_sets(source: MeshSource, spec: MeshSpec, path: Path) -> MeshSource:
     """Return the mesh with the regions that a job makes of its arrays, and of surfaces in other files."""
     if spec.faces:
         faces = {n: [sibling_path(path, spec.file, f) for f in files] for n, files in spec.faces.items()}
-        source = add_face_files(source, faces, source.unit or spec.unit)
+        source = on_demand("regions in other files")(source, faces, source.unit or spec.unit)
     if spec.array_labels is not None:
         source = source_of(spec.kind.name).labelled(source, spec.array_labels)
         check_nodes(source)
@@ -368,10 +366,14 @@ def read_finer_geometry(spec: MeshSpec, path: Path, source: MeshSource) -> Finer
     """Geometry of higher degree that a mesh file or generator has for the cells of ``source``; not collective."""
 
     if suffix_of(path) in GENERATORS or spec.is_cad:
-        return surface_geometry(source)
+        finer: FinerGeometry = on_demand("geometry of a CAD surface")(source)
+        return finer
     if spec.geometry_degree != 1 or spec.size is not None:  # of images and surfaces other cells are made
         return FinerGeometry(NO_CAD)
-    return file_geometry(source, lambda: read_source(spec.model_copy(update={"geometry_degree": None}), path))
+    of_file: FinerGeometry = on_demand("geometry of a mesh file")(
+        source, lambda: read_source(spec.model_copy(update={"geometry_degree": None}), path)
+    )
+    return of_file
 
 
 def read_anywhere(
@@ -387,7 +389,8 @@ def read_anywhere(
         MeshError, SystemPartMissing: the same on every rank.
     """
     if spec.is_partitioned:
-        return read_partitioned(on_root(comm, lambda: resolve(spec.file)), comm)
+        partitioned: MeshSource = on_demand("partitioned mesh")(on_root(comm, lambda: resolve(spec.file)), comm)
+        return partitioned
     whole: list[MeshSource] = []
 
     def read_on_root() -> MeshSource:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.sections import ArrayLabels, MeshSpec
-from hpcinv.mesh.label_groups import add_label_groups
 from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
@@ -35,7 +34,8 @@ class KindSource:
 
     def labelled(self, source: MeshSource, labels: ArrayLabels) -> MeshSource:
         """Return the mesh as it was read with the regions of an array."""
-        return add_label_groups(source, labels)
+        labelled: MeshSource = on_demand("regions of an array")(source, labels)
+        return labelled
 
     def body(self, source: MeshSource, spec: MeshSpec) -> MeshSource:
         """Return the body of a mesh as it was read."""

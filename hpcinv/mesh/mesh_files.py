@@ -15,11 +15,10 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import OutputError
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells
-from hpcinv.mesh.distributed.partitioned import write_partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.kind_source import source_of
-from hpcinv.mesh.refine.degree import serendipity
 from hpcinv.mesh.source import DataArray, Floats, MeshSource
+from hpcinv.on_demand import on_demand
 
 
 def _load_and_save(saver: str, path: Path, source: MeshSource, points: Floats) -> None:
@@ -53,7 +52,7 @@ def write_mesh(
     source = body.source
     if FORMATS[suffix_of(path)].is_partitioned:
         whole = dataclasses.replace(source, data={**source.data, **arrays}, points=points)
-        write_partitioned(path, comm, whole)
+        on_demand("file of a partitioned mesh")(path, comm, whole)
     else:
         assert not source.is_partitioned
         on_root(comm, lambda: save_body(path, source, points, arrays))
@@ -82,7 +81,7 @@ def left_out(path: Path, body: Body, coordinates: Floats) -> float:
         return 0.0
     saved = source_node_values(body, coordinates)
     if has_20:
-        saved = serendipity(source.kind, body.source_geometry.dofmaps[0], saved)
+        saved = on_demand("nodes of cells of 20 nodes")(source.kind, body.source_geometry.dofmaps[0], saved)
     distances = np.linalg.norm(values_on_cells(body, saved) - coordinates, axis=1)
     return float(body.mesh.comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX))
 

@@ -4,7 +4,7 @@ import dataclasses
 import runpy
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,11 @@ from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.job.mesh_generators import ParameterValue
 from hpcinv.job.sections import ArrayLabels
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored, require_at_most
-from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session
 from hpcinv.mesh.io.isolated import check_msh
 from hpcinv.mesh.io.length_unit import stored_unit
 from hpcinv.mesh.io.vtu import source_of
-from hpcinv.mesh.quadrilaterals import quadrilaterals
 from hpcinv.mesh.source import MeshSource
 from hpcinv.on_demand import on_demand
 
@@ -111,9 +109,15 @@ def read_surface(path: Path, labels: ArrayLabels | None = None) -> MeshSource:
         labels: array of a file of VTK that has further regions.
     """
     if suffix_of(path) != ".msh":
-        return quadrilaterals(on_demand("surface of a shell")(path, labels))
+        return _quadrilaterals(on_demand("surface of a shell")(path, labels))
     with _opened_msh(path) as gmsh:
-        return quadrilaterals([_with_data(gmsh, part) for part in extract_surface(gmsh, path)])
+        return _quadrilaterals([_with_data(gmsh, part) for part in extract_surface(gmsh, path)])
+
+
+def _quadrilaterals(surfaces: Sequence[MeshSource]) -> MeshSource:
+    """Return surfaces of triangles and quadrilaterals as one of quadrilaterals of degree 2."""
+    quadrilaterals: MeshSource = on_demand("quadrilaterals of surfaces")(surfaces)
+    return quadrilaterals
 
 
 @contextmanager
@@ -170,14 +174,14 @@ def _extracted(gmsh: Any, path: Path, degree: int | None) -> MeshSource:
     if degree is not None and len(gmsh.model.mesh.getElementTypes(3)):
         gmsh.model.mesh.setOrder(degree)
     source = extract(gmsh, path)
-    return dataclasses.replace(source, surface=cad_surface(gmsh, source.kind, source.degree))
+    return dataclasses.replace(source, surface=on_demand("nodes on a CAD surface")(gmsh, source.kind, source.degree))
 
 
 def _extracted_surface(gmsh: Any, path: Path, monitor: MeshingMonitor) -> MeshSource:
     """The generated surface of a shell, in cells of degree 2 with their nodes on the CAD surfaces."""
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
     gmsh.model.mesh.setOrder(2)
-    source = quadrilaterals(extract_surface(gmsh, path))
+    source = _quadrilaterals(extract_surface(gmsh, path))
     require_at_most(path, len(source.cells), monitor.limit)
     return source
 

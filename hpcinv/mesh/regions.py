@@ -19,10 +19,8 @@ from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
-from hpcinv.mesh.label_groups import integer_arrays
-from hpcinv.mesh.smooth_faces import smooth_face
 from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
-from hpcinv.mesh.vertex_sets import edges_between, nearest_vertices
+from hpcinv.on_demand import on_demand
 
 BOUNDARY = "boundary"
 _OF_FACETS = {"nx", "ny", "nz", "cavity"}
@@ -115,12 +113,13 @@ class _Builder:
         if isinstance(rule, RegionUnion):
             return self._union(name, rule)
         if isinstance(rule, SmoothFace):
-            mask = smooth_face(self.mesh, self.exterior, np.array(rule.point) / self.length_scale, rule.angle)
+            point = np.array(rule.point) / self.length_scale
+            mask = on_demand("smooth face")(self.mesh, self.exterior, point, rule.angle)
             return _region(self.mesh, name, "geometric", self.exterior[mask], _NONE), []
         if isinstance(rule, VertexSet):
-            vertices, far = nearest_vertices(self.mesh, np.array(rule.points) / self.length_scale)
+            vertices, edges, far = on_demand("vertices at points")(self.mesh, np.array(rule.points) / self.length_scale)
             faults = list(_far_from(rule, far * self.length_scale))
-            return Region(name, "geometric", _NONE, _NONE, 0, 0, vertices, edges_between(self.mesh, vertices)), faults
+            return Region(name, "geometric", _NONE, _NONE, 0, 0, vertices, edges), faults
         return self._conditional(name, rule)
 
     def _union(self, name: str, rule: RegionUnion) -> tuple[Region, list[str]]:
@@ -215,7 +214,7 @@ def find(regions: Mapping[str, Region], name: str, source: MeshSource) -> Region
         raise MeshError(f"{source.path}: no region '{name}': it {THIN}", THIN_REMEDY)
     physical = [r.name for r in regions.values() if r.origin == "physical"]
     no_groups = "" if physical else " The mesh has no physical groups."
-    arrays = "; ".join(integer_arrays(source))  # on rank 0, whose message is shown
+    arrays = "; ".join(on_demand("arrays of integers")(source))  # on rank 0, whose message is shown
     labels = f" Arrays of integers can be regions (mesh.labels: {{array: …}}): {arrays}." if arrays else ""
     raise MeshError(
         f"{source.path}: no region '{name}'{hint}",

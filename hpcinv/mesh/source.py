@@ -19,6 +19,7 @@ from hpcinv.job.sections import Shell
 
 type Place = Literal["nodes", "cells"]
 
+NO_CAD = "the true surface is not known"
 MASK_BITS = 31
 """groups in a word of `MeshSource.masks`, which DOLFINx distributes as 32-bit numbers with a sign"""
 COMPONENTS = (1, 3, 9)  # of scalars, vectors and tensors (row by row)
@@ -210,6 +211,19 @@ class MeshSource:
             name: dataclasses.replace(a, values=change(a.values)) if a.place == "nodes" else a
             for name, a in self.data.items()
         }
+
+
+@dataclass(frozen=True)
+class FinerGeometry:
+    """The same cells with a geometry of a higher degree.
+
+    Attributes:
+        unknown: reason why the true geometry is unknown; empty if it is known.
+        source: the cells; ``None`` if the geometry of the mesh is the true one, or if that is unknown.
+    """
+
+    unknown: str = ""
+    source: MeshSource | None = None
 
 
 def mask_words(groups: Sequence[object]) -> int:

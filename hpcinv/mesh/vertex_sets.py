@@ -12,6 +12,12 @@ _NEAR = 1e-3
 """Distance of a vertex from a point, relative to the body, up to which it is meant; raised, points may be less exact"""
 
 
+def vertices_at(mesh: Mesh, points: Floats) -> tuple[LocalIndices, LocalIndices, Floats]:
+    """Return the `nearest_vertices` to points (n, 3), the edges between them, and where they are too far; collective."""
+    vertices, far = nearest_vertices(mesh, points)
+    return vertices, edges_between(mesh, vertices), far
+
+
 def nearest_vertices(mesh: Mesh, points: Floats) -> tuple[LocalIndices, Floats]:
     """Return the vertices of this rank, also ghosts, that are nearest to points (n, 3); collective.
 

@@ -29,7 +29,6 @@ from hpcinv.results.displacement_scale import nominal_sizes
 from hpcinv.results.quantities_of_interest import NOT_FINITE, fault_of
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
-from hpcinv.solver.diagnosis import diagnose
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import is_given_up
@@ -102,6 +101,7 @@ class RunReport(Observer):
         if solution.load == 1.0:
             return
         residuals = [s.position_residual for s in solution.solves if s.position_residual is not None]
+        diagnose = on_demand("diagnosis of a failure")
         why = solution.solves[-1].outcome if residuals else diagnose(solution.direction, solution.solves)
         if residuals:
             where = f"stopped {residuals[-1]:.3g} m from the given shape"

@@ -23,8 +23,8 @@ from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import Point, PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats
-from hpcinv.model.cavities import enclosed_volume
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.on_demand import on_demand
 from hpcinv.results.point_fields import PointFields
 from hpcinv.results.reactions import contact_values, reactions
 from hpcinv.results.solution import Solution
@@ -158,7 +158,7 @@ def values_of(
             values[q.name] = pressures[q.cavity]
         elif q.cavity is not None:
             nodes = solution.reference_nodes if q.over == "reference" else solution.current_nodes
-            values[q.name] = enclosed_volume(solution.job, body, q.cavity).volume(nodes)
+            values[q.name] = on_demand("enclosed volume")(solution.job, body, q.cavity).volume(nodes)
         elif q.uses_quadrature:
             values[q.name] = _quadrature_value(q, body, fields)
         else:

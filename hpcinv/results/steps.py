@@ -12,7 +12,7 @@ from dolfinx.fem import Function
 from hpcinv.job.job import PlannedSolve
 from hpcinv.mesh.data import as_function
 from hpcinv.mesh.source import DataArray
-from hpcinv.mesh.start_shape import start_nodes
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
@@ -111,7 +111,7 @@ def _solution(
 def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[Function, Function | None]:
     """Return displacement (m) and pressure (zero) of the computed body in the shape of a mesh file; collective."""
     body, (u, p) = equations.body, equations.unloaded().fields
-    nodes = start_nodes(equations.job.mesh, path, body)
+    nodes = on_demand("start shape")(equations.job.mesh, path, body)
     sign = equations.weak_form(direction).kinematics.sign
     u.interpolate(as_function(body, DataArray("start_shape", "nodes", sign * (nodes - body.given_nodes))))
     u.x.scatter_forward()

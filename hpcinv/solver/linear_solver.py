@@ -11,10 +11,9 @@ from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.base.parallel.unlocked_petsc import set_up, solve
 from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
+from hpcinv.on_demand import on_demand
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.factorization import Direct, is_mumps
-from hpcinv.solver.linear.iterative import Iterative
-from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.linear.selection import Choice, Used
 from hpcinv.solver.petsc_options import OptionValue, SolverOptions
 
@@ -64,10 +63,11 @@ class LinearSolver:
         # Of bodies that turn far, only the first inverse tangent is symmetric: factors L U of all have one analysis.
         may_be_symmetric = choice.nearly_symmetric or self.system.weak_form.kinematics.direction == "forward"
         if name == "iterative":
-            configuration = Iterative(self.system.weak_form)
-            configuration.test.most = choice.most
+            iterative = on_demand("multigrid")(self.system.weak_form)
+            iterative.test.most = choice.most
+            configuration = iterative
         elif self._is_refined:
-            configuration = Refined(
+            configuration = on_demand("refined factors")(
                 self.system.weak_form.unknowns,
                 symmetric=may_be_symmetric,
                 low_rank=choice.low_rank,

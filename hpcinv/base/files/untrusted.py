@@ -20,9 +20,9 @@ from pydantic import AfterValidator, ValidationInfo
 from hpcinv.base.files.names import NamesFile, exists
 from hpcinv.base.reading.door import PLACES, REFUSED, VARIABLE, admit, is_asked, path_fault
 from hpcinv.base.reading.fault import Fault, shown
-from hpcinv.base.reading.image_headers import METAIMAGE, NRRD, source_of
-from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.base.reading.suffix import METAIMAGE, NRRD, suffix_of
 from hpcinv.errors import JobError
+from hpcinv.on_demand import on_demand
 
 _IMAGES = METAIMAGE + NRRD
 """suffixes of images whose headers can name other files"""
@@ -126,7 +126,7 @@ def image_fault(path: Path) -> str:
     if suffix_of(path) not in (*_IMAGES, ".gz"):
         return ""
     try:
-        source = source_of(path)
+        source = on_demand("voxels of an image")(path)
     except Fault as damage:  # also of a pattern that would write to memory
         return f"{shown(damage.text, 200)}; it is {REFUSED}"
     except (OSError, ValueError, EOFError, zlib.error):  # reported by its reader

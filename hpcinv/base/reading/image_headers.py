@@ -15,12 +15,11 @@ from typing import IO, Literal, cast
 
 from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.fault import Fault
-from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.base.reading.suffix import METAIMAGE, NRRD, suffix_of
 
 type Reals = tuple[float, ...]
 type Encoding = Literal["raw", "zlib", "gzip", "bzip2", "text", "hex"]
 
-METAIMAGE, NRRD = (".mha", ".mhd"), (".nrrd",)
 _MOST_BYTES = 1 << 20  # of a header; larger ones take seconds to parse
 _MOST_LINES = 10_000  # of a header, likewise
 _MOST_FILES = 10_000  # that one header names; each of them is opened

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+METAIMAGE, NRRD = (".mha", ".mhd"), (".nrrd",)
+"""suffixes of images with a header of text"""
+
 
 def suffix_of(path: Path | str) -> str:
     """Return the last suffix in lower case: programs on Windows write ``PART.STEP``."""

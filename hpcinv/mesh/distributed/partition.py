@@ -9,10 +9,10 @@ import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.mesh.cells import vertex_count
-from hpcinv.mesh.distributed.partitioned import cells_of
 from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.on_demand import on_demand
 
 _MOST_IMBALANCE = 0.1  # above which the parts of a partitioned mesh are partitioned again
 
@@ -54,8 +54,9 @@ def _balanced(parts: tuple[int, ...], size: int) -> bool:
     """Return whether ``size`` ranks have about equal numbers of cells if the parts are distributed as they are."""
     if size >= len(parts):
         return False
+    cells_of = on_demand("cells of a rank in a partitioned mesh")
     fullest = max(last - first for first, last in (cells_of(parts, size, rank) for rank in range(size)))
-    return fullest * size <= (1 + _MOST_IMBALANCE) * parts[-1]
+    return bool(fullest * size <= (1 + _MOST_IMBALANCE) * parts[-1])
 
 
 def _partitioner_to(destinations: Ints) -> Callable[..., Any]:

@@ -6,7 +6,6 @@ that a job reads as degree 1.
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import basix
 import dolfinx
@@ -26,33 +25,19 @@ from hpcinv.mesh.cells import (
 )
 from hpcinv.mesh.checks import CHUNK, determinants
 from hpcinv.mesh.regions import Mesh
-from hpcinv.mesh.source import CadSurface, Floats, Ints, MeshSource
+from hpcinv.mesh.source import NO_CAD, CadSurface, FinerGeometry, Floats, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, find_rows, unique_rows, vertex_sets
 
 SAME = (
     1e-6  # distance of nodes, relative to the cell size, up to which they count as the same (rounding of the generator)
 )
 ROUNDING = 1e-14  # distance from the surface, relative to the body, up to which a node stays where it is
-NO_CAD = "the true surface is not known"
 EDGE = 0.0025  # smallest ratio of eigenvalues of the sum of n⊗n at an edge: about 0.1 rad between normals
 # Share of its least determinant that each cell of this degree must keep. Cubic displacements cannot turn cells of
 # degree 4 without strain, which matters where these differ much from cells of degree 2.
 KEPT = {1: 0.0, 2: 0.5}
 INVERTED = "cells with a geometry of degree {} would be inverted, or nearly so"
 OTHER_CELLS = "its generator or file gives other cells"
-
-
-@dataclass(frozen=True)
-class FinerGeometry:
-    """The same cells with a geometry of a higher degree.
-
-    Attributes:
-        unknown: reason why the true geometry is unknown; empty if it is known.
-        source: the cells; ``None`` if the geometry of the mesh is the true one, or if that is unknown.
-    """
-
-    unknown: str = ""
-    source: MeshSource | None = None
 
 
 def file_geometry(source: MeshSource, read: Callable[[], MeshSource]) -> FinerGeometry:

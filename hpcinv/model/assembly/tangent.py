@@ -1,7 +1,7 @@
 """The tangent ``K = ∂R/∂x`` of a weak form, and the choice between two ways to assemble it.
 
 Either DOLFINx assembles it as a form. Or its moduli are evaluated at points, and a matrix is filled in place
-(`FilledTangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the unknowns of a
+(`csr_tangent`): each assembly is 2 to 3 times as fast, but its pattern takes longer to make, and the unknowns of a
 node must be consecutive. The matrices are the same to rounding errors. A residual without tangent moduli has the form
 on every mesh.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import dolfinx.fem.petsc as fem_petsc
 import ufl
@@ -18,10 +18,10 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.mesh.regions import Mesh
-from hpcinv.model.assembly.csr_tangent import FilledTangent
 from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.on_demand import on_demand
 
 _MANY = 2_000  # cells from which two tangents save more time than the pattern costs
 _assumed: list[int] = []
@@ -36,6 +36,7 @@ class FormTangent:
     """
 
     note = ""
+    is_filled = False
 
     def __init__(self, weak_form: WeakForm) -> None:
         unknowns = weak_form.unknowns
@@ -74,7 +75,20 @@ class FormTangent:
         return matrix, assemble
 
 
-type Tangent = FormTangent | FilledTangent
+class Tangent(Protocol):
+    """The tangent of a weak form: a `FormTangent`, or filled in place (`hpcinv.model.assembly.csr_tangent`)."""
+
+    note: str
+    matrix: PETSc.Mat
+    is_filled: bool
+
+    def term(self, term: Term) -> Any:
+        """Return a term that can be added to the tangent; collective."""
+
+    def create_matrix(
+        self, conditions: Sequence[fem.DirichletBC], like: Any = None
+    ) -> tuple[PETSc.Mat, Callable[..., None]]:
+        """Return a matrix for Dirichlet conditions, and a collective function to assemble it at the present state."""
 
 
 def tangent_of(
@@ -89,14 +103,14 @@ def tangent_of(
         director: unknowns of the tangent, if they are not at the nodes; only moduli can be assembled in them.
     """
     if director is not None:
-        return FilledTangent(weak_form, director)
-    has_many = cells_of(weak_form.unknowns.mesh) >= _MANY if like is None else isinstance(like, FilledTangent)
+        return on_demand("filled tangent")(weak_form, director)  # type: ignore[no-any-return]
+    has_many = cells_of(weak_form.unknowns.mesh) >= _MANY if like is None else like.is_filled
     if not has_many:
         return FormTangent(weak_form)
     try:
         if not weak_form.unknowns.has_whole_nodes:
             raise UnsupportedForm("the unknowns of a node do not follow each other")
-        return FilledTangent(weak_form)
+        return on_demand("filled tangent")(weak_form)  # type: ignore[no-any-return]
     except UnsupportedForm as why:
         whole = FormTangent(weak_form)
         whole.note = f"the tangent is assembled by DOLFINx, which takes two to three times as long: {why}"

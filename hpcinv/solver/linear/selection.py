@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from hpcinv.base.parallel.available_memory import available
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.linear.cost_model import (
     COMPACT,
@@ -19,8 +20,8 @@ from hpcinv.solver.linear.cost_model import (
     flat_share,
     shape_of,
 )
-from hpcinv.solver.linear.symbolic_analysis import METIS, MINIMUM_FILL, operations_of
 
+MINIMUM_FILL, METIS = 2, 5  # of ICNTL(7); the first takes a fifth of the time, and cuts compact bodies less well
 _WORTH = 1.1  # least gain of multigrid: factorizations also give signs along the path, and fail at once
 _FLAT_SHARE = 0.1  # of flat cells; above it multigrid hardly converges: smoothers of points leave errors across them
 _OBVIOUS = 10.0  # gain by the shape, above which branches cannot make factorizations the faster ones
@@ -151,7 +152,7 @@ class Chooser:
         self._is_analysed = True
         block = self.forecast
         for ordering in MINIMUM_FILL, METIS:
-            operations = operations_of(unknowns, ordering)
+            operations = on_demand("symbolic analysis")(unknowns, ordering)
             if operations is not None and _UNLIKE * operations < block.operations:
                 shape = Shape.equal_rod(operations, block.unknowns)
                 self.forecast = replace(block, shape=shape, extents=block.shape)

@@ -15,7 +15,6 @@ from petsc4py import PETSc
 
 from hpcinv.model.spaces import Unknowns
 
-MINIMUM_FILL, METIS = 2, 5  # of ICNTL(7); the first takes a fifth of the time, and cuts compact bodies less well
 _ORDERING = 7  # ICNTL
 _MATCHING = 6  # ICNTL(6) permutes columns by values, and there are none
 _INFO = 32  # numbers of PETSc's ``MatFactorInfo``: more than it has; MUMPS reads none of them

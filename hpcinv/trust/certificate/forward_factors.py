@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from typing import Any
 
+from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.trust.certificate.confirmation import given_u_of
 from hpcinv.trust.certificate.inertia import SymmetricFactors, factorize_symmetric
-from hpcinv.trust.certificate.multigrid_solver import MultigridSolver
 
 SHARE = 0.5
 """Largest time of the factorization, relative to an iterative solve of the same body."""
@@ -49,11 +50,11 @@ class ForwardFactors:
             )
 
     @cached_property
-    def multigrid(self) -> MultigridSolver:
+    def multigrid(self) -> Any:
         """A solver for the same matrix, where factors are not `affordable`; collective at the first access."""
         self._equations.destroy()  # matrices of other weak forms take as much memory as this one
         with self.tangent() as equilibrium, self._equations.timings("factorization"):
-            return MultigridSolver(equilibrium.system.matrix, equilibrium.system.weak_form)
+            return on_demand("multigrid for the certificate")(equilibrium.system.matrix, equilibrium.system.weak_form)
 
     @property
     def affordable(self) -> bool:
