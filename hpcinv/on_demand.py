@@ -1,6 +1,8 @@
-"""Functions outside of the core, by what a job asks for: imported on demand, since a plain run needs none of them.
+"""What few jobs need, by what they ask for: functions and classes that are imported on demand.
 
-The core never imports these packages, and runs without them.
+Some are outside of the core, which never imports their packages and runs without them. Others are rooms of the core: a
+strategy, a method, a kind of body, a way to support or to cut, which a plain run leaves alone. A module that is listed
+here is imported by its neighbours only, and a name such as ``mesh of a shell`` ends with the key that asks for it.
 """
 
 import importlib

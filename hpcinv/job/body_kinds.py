@@ -17,7 +17,7 @@ class BodyKind:
     """A kind of body.
 
     Attributes:
-        name: key of the section of a mesh that makes it a body of this kind, by which other packages find theirs.
+        name: key of the section of a mesh that makes it a body of this kind; other packages find their classes by it.
         dimension: number of directions in which cells get smaller.
         raises_degree: whether a higher degree makes its error smaller.
         fill: exponent of the entries of factors by the number of unknowns: O(N^(4/3)) and O(N log N) by nested
@@ -30,9 +30,9 @@ class BodyKind:
         reads_surface: whether its mesh is a surface, around which it is made.
         saved: formats that its shape may have.
         actions: of ``hpcinv.base.reading.isolated_reader`` by suffix, where other bodies have another one.
-        groups: makes the groups that it has of those of its mesh file.
-        faces: regions of its two faces, on which results are shown; none of others.
-        has_singular_edges: whether its re-entrant and held edges are singular. Those of a shell act on a strip as wide
+        groups: makes its groups from the groups of its mesh file.
+        faces: regions of the two faces where its results are shown; a solid has none.
+        has_singular_edges: whether its re-entrant and held edges are singular. Edges of a shell act on a strip as wide
             as it is thick.
         facets_remedy: what to do about a region that has no facets.
     """

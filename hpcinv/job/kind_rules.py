@@ -40,7 +40,7 @@ class KindRules:
 
     def unsuited_sensitivities(self, job: Any) -> Faults:
         """Faults of derivatives that are not possible with the kind of its body."""
-        return ()
+        yield from ()
 
 
 class ShellRules(KindRules):

@@ -13,7 +13,7 @@ _NEAR = 1e-3
 
 
 def vertices_at(mesh: Mesh, points: Floats) -> tuple[LocalIndices, LocalIndices, Floats]:
-    """Return the `nearest_vertices` to points (n, 3), the edges between them, and where they are too far; collective."""
+    """Return the `nearest_vertices` to points (n, 3), the edges between them, and where too far; collective."""
     vertices, far = nearest_vertices(mesh, points)
     return vertices, edges_between(mesh, vertices), far
 

@@ -164,7 +164,8 @@ class _Fields:
 
     def kind_arrays(self, name: str) -> Iterator[Array]:
         """Arrays of the kind of the body at the owned nodes, in one of the bodies."""
-        return _KIND_ARRAYS.get(self._body.source.body_kind, lambda *_: iter(()))(self, name)
+        arrays = _KIND_ARRAYS.get(self._body.source.body_kind)
+        return arrays(self, name) if arrays else iter(())
 
     def director_arrays(self, name: str) -> Iterator[Array]:
         """Director and thickness of a shell of one layer."""

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from hpcinv.job.body_kinds import KINDS
+from hpcinv.on_demand import FUNCTIONS, on_demand
+
 JOBS = Path(__file__).parents[2] / "jobs"
 
 MODULES = "hpcinv.job.job, hpcinv.physics.materials, hpcinv.physics.effects, hpcinv.studies.study.study_plan"
@@ -108,6 +111,17 @@ UNNEEDED_BY_A_RUN = {
 }
 
 
+FOR_CHECKS = {
+    "hpcinv.mesh.midsurface",
+    "hpcinv.mesh.quadrilaterals",
+    "hpcinv.mesh.refine.finer_geometry",
+    "hpcinv.model.assembly.csr_tangent",
+    "hpcinv.model.cavities",
+    "hpcinv.solver.linear.iterative",
+}
+"""rooms that checks of the certificate and unknown numbers of loads import, all of which register themselves"""
+
+
 def imported_modules(tmp_path: Path, *arguments: str) -> set[str]:
     """Names of the modules that a command has imported."""
     listed = tmp_path / "modules.txt"
@@ -133,6 +147,8 @@ def test_a_run_imports_no_more_than_it_needs(tmp_path: Path) -> None:
     modules = imported_modules(tmp_path, "run", str(JOBS / "single-tetrahedron.yaml"), "--output", "results")
     assert foreign_packages(modules) <= RUN_PACKAGES
     assert not UNNEEDED_BY_A_RUN & modules
+    rooms = {place.partition(":")[0] for place in FUNCTIONS.values()} - FOR_CHECKS
+    assert not {name for name in rooms & modules if not name.startswith("hpcinv.trust.certificate.")}
     commands = {name for name in modules if name.startswith("hpcinv.cli.")}
     assert commands == {"hpcinv.cli.help", "hpcinv.cli.options", "hpcinv.cli.run"}
 
@@ -192,3 +208,14 @@ def test_no_test_file_imports_from_another() -> None:
             r"^\s*(?:from|import) +(?:tests\.|\w+\.)*(test_\w+|tests)\b", path.read_text(), re.MULTILINE
         )
         assert {*imported} <= {path.stem}, path
+
+
+@pytest.mark.parametrize("made", FUNCTIONS)
+def test_what_is_made_on_demand_exists(made: str) -> None:
+    assert callable(on_demand(made))
+
+
+def test_each_room_on_demand_is_asked_for() -> None:
+    texts = [path.read_text() for path in (JOBS.parent / "hpcinv").rglob("*.py") if path.name != "on_demand.py"]
+    kinds = [f"{what} of a {kind}" for what in ("mesh", "finer problem") for kind in KINDS]
+    assert [made for made in FUNCTIONS if made not in kinds and not any(f'"{made}"' in text for text in texts)] == []

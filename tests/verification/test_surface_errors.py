@@ -24,7 +24,8 @@ from hpcinv.solver.workspace import Workspace
 from hpcinv.trust.certificate.check import Line, Verdict
 from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
 from hpcinv.trust.sensitivity.analysis import sensitivities
-from hpcinv.trust.sensitivity.surface_errors import SPREAD, SurfaceErrors, SurfaceSpreads, surface_normals
+from hpcinv.trust.sensitivity.sensitivities import SPREAD
+from hpcinv.trust.sensitivity.surface_errors import SurfaceErrors, SurfaceSpreads, surface_normals
 
 WEIGHT = {"effect": "gravity", "density": 150, "density_in": "current"}
 

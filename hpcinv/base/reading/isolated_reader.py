@@ -32,8 +32,8 @@ import numpy as np  # noqa: E402
 from hpcinv.base.reading.deck_includes import FUNCTIONS  # noqa: E402
 from hpcinv.base.reading.door import Refused, admit, admitted  # noqa: E402
 from hpcinv.base.reading.fault import Fault, PackageMissing, shown  # noqa: E402
-from hpcinv.base.reading.image_headers import METAIMAGE, NRRD, check_regular, format_of  # noqa: E402
-from hpcinv.base.reading.suffix import suffix_of  # noqa: E402
+from hpcinv.base.reading.image_headers import check_regular, format_of  # noqa: E402
+from hpcinv.base.reading.suffix import METAIMAGE, NRRD, suffix_of  # noqa: E402
 
 _CHUNK = 1 << 22  # bytes that are unpacked at once; more memory if raised
 _LIBRARIES = 1 << 30  # bytes of addresses for libraries that are loaded later; a damaged file may take them, if raised

@@ -64,9 +64,9 @@ TOPICS: dict[str, Topic] = {}
 """topics of lines by their names"""
 
 
-def topic(name: str, meaning: str, *remedies: str, judges_mesh: bool = False, **table: str) -> Topic:
+def topic(name: str, meaning: str, *remedies: str, **table: Any) -> Topic:
     """Register a `Topic`, which has these attributes."""
-    TOPICS[name] = Topic(name, meaning, *remedies, judges_mesh=judges_mesh, **table)
+    TOPICS[name] = Topic(name, meaning, *remedies, **table)
     return TOPICS[name]
 
 

@@ -18,7 +18,15 @@ from hpcinv.mesh.source import Floats
 from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.check import Line
+from hpcinv.trust.certificate.check import Line, topic
+
+SPREAD = topic(
+    "standard deviation of the shape by errors of the given surface",
+    "How uncertain the shape is, since the given surface is known to some accuracy only.",
+    computed="[standard deviation](../how-to/images.md#what-the-image-is-worth) of the nodes",
+    thresholds="no verdict",
+    costs="16 linear solves",
+)
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,10 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
+from hpcinv.trust.certificate.check import Line, Verdict, skipped
 from hpcinv.trust.certificate.symmetry import symmetry_planes
 from hpcinv.trust.sensitivity.analysis import sensitivities
-from hpcinv.trust.sensitivity.sensitivities import Sensitivities, Spreads, joined_sensitivities
-
-SPREAD = topic(
-    "standard deviation of the shape by errors of the given surface",
-    "How uncertain the shape is, since the given surface is known to some accuracy only.",
-    computed="[standard deviation](../how-to/images.md#what-the-image-is-worth) of the nodes",
-    thresholds="no verdict",
-    costs="16 linear solves",
-)
+from hpcinv.trust.sensitivity.sensitivities import SPREAD, Sensitivities, Spreads, joined_sensitivities
 
 _OF_VOXEL = 0.12  # standard deviation that meshes of labels without errors have, in voxels
 _OF_SD = 10.0  # correlation length by default, in standard deviations
