@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 
@@ -53,7 +53,7 @@ class Topic:
     computed: str = ""
     thresholds: str = ""
     costs: str = ""
-    judges_mesh: bool = False
+    judges_mesh: bool = field(default=False, kw_only=True)
 
     def placed(self, place: str) -> Topic:
         """Return the topic with the place of a line in its name."""
