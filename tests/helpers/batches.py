@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -23,7 +24,7 @@ from pytest_mpi.plugin import CHILD_PROCESS_FLAG
 from hpcinv.base.parallel.runtime import MPI
 
 SYSTEM = Path(__file__).parents[1] / "system"
-LARGEST = 110
+LARGEST = 200
 """Tests in a batch. More of them save starts (3 s of processor time a rank); a failure costs one more start."""
 IN_BATCH = "HPCINV_TESTS_IN_BATCH"
 """Environment variable that the ranks of a batch have: files ``VALUE.RANK`` list the tests that a rank has ended."""
@@ -39,7 +40,8 @@ QUIET = ("--tb=no", "--no-summary", "--no-header", "--disable-warnings", "--show
 
 def ranks_of(item: pytest.Item) -> int:
     """Number of ranks that a test runs on, which mpi-pytest has attached as a marker."""
-    return next((n for n in range(2, 17) if any(item.iter_markers(f"parallel[{n}]"))), 1)
+    marks = (re.fullmatch(r"parallel\[(\d+)\]", mark.name) for mark in item.iter_markers())
+    return next((int(mark[1]) for mark in marks if mark), 1)
 
 
 class Batch:

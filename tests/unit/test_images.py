@@ -288,8 +288,8 @@ def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
 
 def test_smaller_sizes_make_more_cells_of_a_lattice(tmp_path: Path) -> None:
     """Halves that meet along a circle on the outside."""
-    points = grid(20) - 0.2
-    labels = np.where(points[..., 0] < 0, 1, 2) * (np.linalg.norm(points, axis=-1) < 8)
+    points = grid(16) - 0.2
+    labels = np.where(points[..., 0] < 0, 1, 2) * (np.linalg.norm(points, axis=-1) < 6.4)
     image = written(tmp_path / "image.nii.gz", labels.astype(np.uint8), (5, 5, 5))
     counts = [len(meshed(image, labels={"one": 1, "two": 2}, size=f"{size} mm").cells) for size in (36, 28)]
     assert counts == sorted(set(counts))
@@ -323,9 +323,9 @@ def beside_sphere(source: MeshSource, middle: list[float]) -> np.ndarray:
 
 def test_curved_cells_are_nearer_to_the_true_surface(tmp_path: Path) -> None:
     pyvista.Sphere(radius=BALL, theta_resolution=60, phi_resolution=60).save(tmp_path / "ball.stl")
-    voxels, said = (np.linalg.norm(grid(40) * BALL / 18, axis=-1) < BALL).astype(np.uint8), list[str]()
-    image, spec = written(tmp_path / "ball.nii.gz", voxels, (BALL / 18,) * 3), {"size": "6.5 mm"}
-    middle = [19.5 * BALL / 18] * 3
+    voxels, said = (np.linalg.norm(grid(30) * BALL / 13.5, axis=-1) < BALL).astype(np.uint8), list[str]()
+    image, spec = written(tmp_path / "ball.nii.gz", voxels, (BALL / 13.5,) * 3), {"size": "6.5 mm"}
+    middle = [14.5 * BALL / 13.5] * 3
     # The volume of the voxels differs from the ball's: the mean distance does not count.
     straight, bent = (beside_sphere(meshed(image, said, geometry_degree=d, **spec), middle).std() for d in (1, 2))
     print(f"voxels: {straight:.3g} m, curved {bent:.3g} m")

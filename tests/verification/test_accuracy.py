@@ -306,10 +306,16 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
 
 
 def test_bodies_with_flat_and_curved_faces_are_distinguished(comm: MPI.Intracomm, meshes: Path) -> None:
-    for file, flat in (("box.py", True), ("pdms_beam.py", False), ("thick_sphere.py", False)):
-        assert is_straight(read_source(spec(meshes / file, geometry_degree=2), meshes / file)) is flat
+    short: dict[str, Any] = {"length": "2 cm", "size": "4 mm"}
+    for file, flat, parameters in (
+        ("box.py", True, {}),
+        ("pdms_beam.py", False, short),
+        ("thick_sphere.py", False, {}),
+    ):
+        source = read_source(spec(meshes / file, geometry_degree=2, parameters=parameters), meshes / file)
+        assert is_straight(source) is flat
         for degree in (1, 2):
-            mesh = {"file": f"../meshes/{file}", "geometry_degree": degree}
+            mesh = {"file": f"../meshes/{file}", "geometry_degree": degree, "parameters": parameters}
             its = job(**(clamped(1.0, hexahedra=False).model_dump(exclude_unset=True) | {"mesh": mesh}))
             refinements = Meshes(its, comm)
             assert refinements.have_one_shape(refinements.build(refinements.first)) is flat

@@ -84,7 +84,7 @@ def coarse_of(result: Result) -> nested_iteration.CoarseSolve:
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_answer_is_the_same_with_fewer_factorizations(analysis: str, comm: MPI.Intracomm) -> None:
     alone, nested = (
-        hpcinv.run(beam("2.4 mm", analysis, nested_iteration=choice, continuation="steps"), comm)
+        hpcinv.run(beam("2.75 mm", analysis, nested_iteration=choice, continuation="steps"), comm)
         for choice in ("off", "on")
     )
     solution, coarse = nested.solutions[0], coarse_of(nested)

@@ -14,15 +14,15 @@ import pytest
 FUZZER = Path(__file__).with_name("fuzz.py")
 
 
-@pytest.mark.everyday("jobs-50", "meshes-5", "scans-20", "decks-60")
+@pytest.mark.everyday("jobs-40", "meshes-3", "scans-15", "decks-60")
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        ("jobs", 50),
+        ("jobs", 40),
         ("jobs", 300),
-        ("meshes", 5),
+        ("meshes", 3),
         ("meshes", 24),
-        ("scans", 20),
+        ("scans", 15),
         ("scans", 120),
         ("decks", 60),
         ("decks", 500),
