@@ -38,8 +38,6 @@ COMMANDS = {
     "points": "python benchmarks/points.py",
     "cost-model": "mpirun -n 1 python benchmarks/cost_model.py",
     "scaling": "python benchmarks/scaling.py --per-rank 4000",
-    "alternatives": "mpirun -n 1 python benchmarks/alternatives.py",
-    "coo-assembly": "mpirun -n 1 python benchmarks/coo_assembly.py --repeat 3",
     "hard-cases": "mpirun -n 1 python benchmarks/hard_cases.py",
     "sweep-throughput": "python benchmarks/sweep_throughput.py",
     "sweep-shares": "python benchmarks/sweep_shares.py --cases 32",

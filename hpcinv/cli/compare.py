@@ -18,6 +18,8 @@ from hpcinv.errors import OutputError
 if TYPE_CHECKING:
     import pyvista
 
+    from hpcinv.geometry.workshop.surface_comparison import Side
+
 _ADVICE = "Is the directory there, and writable?"
 
 
@@ -68,6 +70,14 @@ def _labels(text: str) -> list[int]:
         raise argparse.ArgumentTypeError(f"{text} is not a list of whole numbers such as 5 or 5,6") from None
 
 
+def _describe(path: Path, side: Side) -> None:
+    centre = ", ".join(f"{c:.6g}" for c in side.centre)
+    axis = ", ".join(f"{c:.3g}" for c in side.axes[0])
+    print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m, long axis ({axis})")
+    mean, rms, most, largest = (readable(d, "m") for d in (side.mean, side.rms, side.quantile_95, side.largest))
+    print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
+
+
 def _compare(options: argparse.Namespace) -> int:
     unit = None if options.unit is None else length_unit(options.unit)
     if options.to is not None and options.to.suffix != ".vtp":
@@ -87,13 +97,8 @@ def _compare(options: argparse.Namespace) -> int:
     if align:
         moved, angle = readable(comparison.translation, "m"), math.degrees(comparison.rotation)
         print(f"{options.one} moved by {moved}, turned by {angle:.3g} degrees")
-    for path, side in ((options.one, comparison.first), (options.other, comparison.second)):
-        centre = ", ".join(f"{c:.6g}" for c in side.centre)
-        axis = ", ".join(f"{c:.3g}" for c in side.axes[0])
-        print(f"{path}: volume {readable(side.volume, 'm^3')}, centre ({centre}) m, long axis ({axis})")
-        figures = (side.mean, side.rms, side.quantile_95, side.largest)
-        mean, rms, most, largest = (readable(figure, "m") for figure in figures)
-        print(f"  from the other's surface: mean {mean} (outside positive), rms {rms}, 95 % {most}, largest {largest}")
+    _describe(options.one, comparison.first)
+    _describe(options.other, comparison.second)
     print(f"overlap (Dice): {comparison.dice:.4f}")
     if options.json is not None:
         write_output(options.json, json.dumps(comparison.as_data(), indent=1).encode(), _ADVICE)

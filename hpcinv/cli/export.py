@@ -78,7 +78,7 @@ def add_export(commands: Any) -> None:
 def _export(options: argparse.Namespace) -> int:
     unit = length_unit(options.unit)
     wall = length("--wall", options.wall) / unit
-    tolerance = None if options.tolerance is None else length("--tolerance", options.tolerance)
+    tolerance = 0.0 if options.tolerance is None else length("--tolerance", options.tolerance)
     if not (options.scale > 0 and math.isfinite(options.scale)):
         raise OutputError(f"--scale {options.scale:g}: must be above 0")
     refit = _refit_distance(options)
@@ -104,7 +104,7 @@ def _export(options: argparse.Namespace) -> int:
     cells = None if options.region is None else region_cells(source, options.region)
     body = volume_of(source, cells) * options.scale**3
     factor = options.scale / unit
-    part = solid_of(source, cells, tolerance and tolerance / options.scale).scaled(factor)
+    part = solid_of(source, cells, tolerance / options.scale or None).scaled(factor)
     moulds = mould(part, wall, split) if halves else Mould([], [])
     cores = _cores(options, len(moulds.cores))
     ratio = part.volume * unit**3 / body

@@ -59,13 +59,7 @@ class FileJob:
         self._comments += self._remarks()
         self._comments = list(dict.fromkeys(self._comments))
         self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
-        if not supports:
-            self._comments.append("No support is taken from the file: state 'supports', such as the line below.")
-        if not effects and not any({"displacement", "remote"} & entry.keys() for entry in supports):
-            self._comments.append("No load is taken from the file: state 'effects'.")
-        if self._vertices:
-            text = "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
-            self._comments.append(text)
+        self._comments += self._advice(supports, effects)
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")
         job = {
@@ -264,6 +258,15 @@ class FileJob:
         """Return the groups of facets that bear forces at the nodes of a region."""
         return [group for group in self._source.groups if group.name == region and group.dim == 2]
 
+    def _advice(self, supports: Sequence[Mapping[str, Any]], effects: Sequence[Any]) -> Iterator[str]:
+        """Yield what a user should state or know."""
+        if not supports:
+            yield "No support is taken from the file: state 'supports', such as the line below."
+        if not effects and not any({"displacement", "remote"} & entry.keys() for entry in supports):
+            yield "No load is taken from the file: state 'effects'."
+        if self._vertices:
+            yield "Supports at vertices keep a body in place whose loads balance; hold facets where they carry a load."
+
     def _tractions(self, nodal: NodalForces) -> Iterator[dict[str, Any]]:
         """Yield the uniform traction that has the resultant of forces at nodes."""
         import numpy as np
@@ -288,11 +291,13 @@ class FileJob:
         moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
         share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
         text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
-        more = f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
+        if share > _BALANCED:
+            text += f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
         inside = set(self._source.node_tags[self._source.facets[members]].ravel().tolist())
         strays = sum(tag not in inside and any(nodal.forces[tag]) for tag in tags)
-        most = f"; {strays:,} of its nodes are on no facet of the region" if strays else ""
-        self._comments.append(text + (more if share > _BALANCED else "") + most)
+        if strays:
+            text += f"; {strays:,} of its nodes are on no facet of the region"
+        self._comments.append(text)
         components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
         for name in dict.fromkeys(group.name for group in groups):
             yield {"effect": "traction", "region": name, "traction": components, "area_in": "reference"}
@@ -303,6 +308,13 @@ class FileJob:
         groups = [group for group in self._source.groups if group.name == region and group.dim == 3]
         return [cell for group in groups for cell in group.members.tolist()]
 
+    @property
+    def _unit_sizes(self) -> list[float]:
+        """SI values of the units of length and stress."""
+        from hpcinv.base.quantity.units import as_float, parse_unit
+
+        return [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+
     def _with_units(self, value: Any) -> Any:
         from hpcinv.formats.cards.deck import Measure
 
@@ -312,15 +324,11 @@ class FileJob:
             case Measure(length=0, stress=1):
                 return f"{value.value:.15g} {self._options.stress_unit}"
             case Measure(stress=1, time=0):  # a force or a moment
-                from hpcinv.base.quantity.units import as_float, parse_unit
-
-                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+                sizes = self._unit_sizes
                 unit = "N" if value.length == 2 else "N m"
                 return f"{value.value * sizes[0] ** value.length * sizes[1]:.15g} {unit}"
             case Measure():  # with seconds: a density is a stress by the square of a velocity
-                from hpcinv.base.quantity.units import as_float, parse_unit
-
-                sizes = [as_float(parse_unit(unit)[0]) for unit in (self._options.unit, self._options.stress_unit)]
+                sizes = self._unit_sizes
                 return f"{value.value * sizes[0] ** value.length * sizes[1] ** value.stress:.15g} kg/m^3"
             case list():
                 return [self._with_units(entry) for entry in value]

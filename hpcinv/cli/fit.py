@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import sys
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +77,15 @@ def add_fit(commands: Any) -> None:
     fit.set_defaults(command=_fit)
 
 
+def _check_outputs(options: argparse.Namespace) -> None:
+    for path, endings in ((options.material, (".yaml", ".yml")), (options.output, (".json", ".yaml", ".yml"))):
+        if path is not None and path.suffix not in endings:
+            raise OutputError(f"{path}: must end in {' or '.join(endings)}")
+    for path in (options.plot, options.material, options.output):
+        if path is not None and not path.parent.is_dir():
+            raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+
+
 def _fit(options: argparse.Namespace) -> int:
     from hpcinv.studies.fitting.fit_plot import check_format, plot
     from hpcinv.studies.fitting.fit_report import CheckedFit, describe
@@ -83,12 +93,7 @@ def _fit(options: argparse.Namespace) -> int:
 
     if options.plot is not None:
         check_format(options.plot)
-    for path, endings in ((options.material, (".yaml", ".yml")), (options.output, (".json", ".yaml", ".yml"))):
-        if path is not None and path.suffix not in endings:
-            raise OutputError(f"{path}: must end in {' or '.join(endings)}")
-    for path in (options.plot, options.material, options.output):
-        if path is not None and not path.parent.is_dir():
-            raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+    _check_outputs(options)
     fixed = _fixed(options.fix)
     candidates = _candidates(options, fixed)
     _check_fixed(fixed, candidates)
@@ -114,7 +119,7 @@ def _fit(options: argparse.Namespace) -> int:
     _write(options, outcomes, best)
     if options.plot is not None:
         plot(options.plot, outcomes)
-    for text in [*failures, *(text for outcome in outcomes for text in outcome.warnings())]:
+    for text in chain(failures, *(outcome.warnings() for outcome in outcomes)):
         print(f"warning: {text}", file=sys.stderr)
     return 0
 

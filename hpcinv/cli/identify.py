@@ -15,6 +15,7 @@ from hpcinv.job.job import Job, load
 
 if TYPE_CHECKING:
     from hpcinv.mesh.source import Floats
+    from hpcinv.studies.identification.identification_run import Identified
     from hpcinv.studies.identification.job_evaluation import Evaluation
 
 
@@ -54,6 +55,17 @@ def add_identify(commands: Any) -> None:
     identify.set_defaults(command=_identify)
 
 
+def _lines(identified: Identified) -> list[str]:
+    """Return what was identified, as lines of text."""
+    from hpcinv.studies.identification.identification_report import describe
+
+    lines = describe(identified.estimate)
+    for name, sd in identified.shape_deviations.items():
+        lines.append(f"shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m")
+    lines += [f"{name}: {identified.quantity_text(name)}" for name in identified.quantity_deviations]
+    return [*lines, f"certificate: {identified.result.certificate.verdict.value}", str(identified.cost)]
+
+
 def _identify(options: argparse.Namespace) -> int:
     if options.posterior < 0 or 0 < options.posterior < _FEWEST:
         raise JobError(f"--posterior {options.posterior}: is too few: {_FEWEST} or more, or 0 for none")
@@ -61,7 +73,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     with launched(options.ranks) as (comm, stop):
         from hpcinv.base.parallel.runtime import on_root
-        from hpcinv.studies.identification.identification_report import describe, value_text, warnings
+        from hpcinv.studies.identification.identification_report import value_text, warnings
         from hpcinv.studies.identification.identification_run import identify
 
         job = on_root(comm, lambda: _read(options.job))
@@ -88,13 +100,7 @@ def _identify(options: argparse.Namespace) -> int:
         texts = warnings(identified.estimate)
         verdict = identified.result.certificate.verdict
         if comm.rank == 0:
-            lines = describe(identified.estimate)
-            for name, sd in identified.shape_deviations.items():
-                lines.append(f"shape{f' {name!r}' if name else ''}: standard deviation up to {sd:.2g} m")
-            lines += [f"{name}: {identified.quantity_text(name)}" for name in identified.quantity_deviations]
-            lines.append(f"certificate: {verdict.value}")
-            lines.append(str(identified.cost))
-            print("\n".join(lines))
+            print("\n".join(_lines(identified)))
             print(f"\n{(directory / 'sections.yaml').read_text('utf-8')}\nresults: {directory}", flush=True)
             for text in texts:
                 print(f"warning: {text}", file=sys.stderr)

@@ -6,7 +6,8 @@ import argparse
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -134,16 +135,12 @@ def _new(options: argparse.Namespace) -> int:
     paths = [output] if source.mesh_file is None else [output, source.mesh_file]
     if (existing := [path for path in paths if path.exists()]) and not options.force:
         raise OutputError(f"{existing[0]}: exists", "Choose another name, or replace it by --force.")
-    try:
+    with _removed_after_errors(None if existing else source.mesh_file):
         if source.mesh_file is not None and source.write is not None:
             with output_errors(source.mesh_file):
                 source.write(source.mesh_file)
         parse(read_text(text, str(output)), output)  # before it is written, but next to its mesh
         write_output(output, text.encode())
-    except Exception:
-        if source.mesh_file is not None and not existing:
-            source.mesh_file.unlink(missing_ok=True)
-        raise
     return _say_next(output, f"a job for {_article(kind)}", "identify" if options.klotz else "run")
 
 
@@ -214,25 +211,40 @@ def _check_filling(options: argparse.Namespace) -> None:
             raise JobError(f"--ed-pressure: {error}") from None
 
 
-def _check_scan(options: argparse.Namespace) -> None:
-    """Raise an error if the options of an image or a surface are not valid for the kind of body."""
-    if options.image is not None and options.surface is not None:
-        raise JobError("--surface: a job has one mesh, and --image gives it, too")
-    scan = options.image or options.surface
-    if scan is not None and (reason := _NOT_SCANNED.get(options.kind)):
-        name = "image" if options.image is not None else "surface"
-        raise JobError(f"--{name}: {reason}; put such a mesh into the example")
-    if options.surface is not None and options.kind in _WALLS:
+@contextmanager
+def _removed_after_errors(file: Path | None) -> Iterator[None]:
+    try:
+        yield
+    except Exception:
+        if file is not None:
+            file.unlink(missing_ok=True)
+        raise
+
+
+def _check_surface(options: argparse.Namespace) -> None:
+    if options.kind in _WALLS:
         raise JobError(
             f"--surface: does not distinguish cavity and outside of {_article(options.kind)};"
             " give an --image, or a mesh with named surfaces"
         )
-    if options.image is None and options.label:
-        raise JobError("--label: is for an image, and there is no --image")
-    if not (scan or options.source) and (options.unit or options.size):
-        raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
-    if options.surface is not None and options.unit is None:
+    if options.unit is None:
         raise JobError("--unit: is needed with --surface, since its formats have no unit: such as --unit mm")
+
+
+def _check_scan(options: argparse.Namespace) -> None:
+    """Raise an error if the options of an image or a surface are not valid for the kind of body."""
+    has_image, has_surface = options.image is not None, options.surface is not None
+    if has_image and has_surface:
+        raise JobError("--surface: a job has one mesh, and --image gives it, too")
+    if (has_image or has_surface) and (reason := _NOT_SCANNED.get(options.kind)):
+        name = "image" if has_image else "surface"
+        raise JobError(f"--{name}: {reason}; put such a mesh into the example")
+    if not has_image and options.label:
+        raise JobError("--label: is for an image, and there is no --image")
+    if has_surface:
+        _check_surface(options)
+    elif not (has_image or options.source) and (options.unit or options.size):
+        raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         _check_file(f"--{name}", getattr(options, name), endings, f"{name}s")
 

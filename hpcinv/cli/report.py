@@ -42,9 +42,10 @@ def _report(options: argparse.Namespace) -> int:
     is_sweep, is_study = "axes" in content, "series" in content
     if given.is_file() and not (is_sweep or is_study):
         raise OutputError(f"{given}: is neither a sweep nor a study", "Of a job, give the directory of its run.")
-    for option, is_valid in (("cases", is_sweep), ("results", is_study)):
-        if getattr(options, option) and not is_valid:
-            raise OutputError(f"{given}: --{option} is for {'sweeps' if option == 'cases' else 'studies'}")
+    if options.cases and not is_sweep:
+        raise OutputError(f"{given}: --cases is for sweeps")
+    if options.results and not is_study:
+        raise OutputError(f"{given}: --results is for studies")
     if is_sweep:
         print(_sweep_report(given, options.output, each=options.cases))
     elif is_study:

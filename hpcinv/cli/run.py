@@ -134,12 +134,13 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 from hpcinv.trust.certificate import Verdict
 
             if resume and on_root(comm, lambda: directory.is_finished):
-                verdict_text = on_root(comm, lambda: directory.verdict)
                 # The record of another version may not be known here, or be missing.
-                verdict = next((known for known in Verdict if known.value == verdict_text), Verdict.UNDECIDED)
+                verdicts = {verdict.value: verdict for verdict in Verdict}
+                verdict = verdicts.get(on_root(comm, lambda: directory.verdict), Verdict.UNDECIDED)
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
-                if (options.job or options.certificate) and not on_root(comm, lambda: directory.holds(job)):
+                has_settings = bool(options.job or options.certificate)
+                if has_settings and not on_root(comm, lambda: directory.holds(job)):
                     progress.warn("settings that differ from its job.yaml were not used; 'run' uses them")
                 return verdict.exit_code(strict=options.strict)
 

@@ -173,12 +173,11 @@ class ShellJob(FileJob):
         plain = {key: value for key, value in entry.items() if key != "face"}
         name = entry.get("region", "")
         region = self._region(name) if name else None
-        if face is None or region is None:
+        if region is not None and face == "edge":
+            return self._edge_load(plain, region)
+        cells = [group for group in self._surface.groups if group.name == region and group.dim == 3]
+        if region is None or face is None or not cells:
             return super()._placed(plain)
-        groups = [group for group in self._surface.groups if group.name == region]
-        cells = [group for group in groups if group.dim == 3]
-        if face == "edge" or not cells:
-            return self._edge_load(plain, region) if face == "edge" else super()._placed(plain)
         turned = {bool(entry) for group in cells for entry in self._is_turned[group.members]}
         side = -1 if face == "back" else self._sides.get(name, 0)
         if len(turned) > 1 or not side:

@@ -88,12 +88,10 @@ def _seconds(limit: str | None) -> int | None:
     match = _LIMIT.fullmatch(limit or "")
     if match is None:
         return None
-    days, first, second, third = (None if part is None else int(part) for part in match.groups())
-    if days is not None:
-        return 86400 * days + 3600 * (first or 0) + 60 * (second or 0) + (third or 0)
-    if third is not None:
-        return 3600 * (first or 0) + 60 * (second or 0) + third
-    return 60 * (first or 0) + (second or 0)
+    days, first, second, third = (int(part or 0) for part in match.groups())
+    if match[1] is None and match[4] is None:  # minutes and seconds
+        return 60 * first + second
+    return 86400 * days + 3600 * first + 60 * second + third
 
 
 def _write_scripts(plan: SweepPlan, options: argparse.Namespace, directory: Path) -> tuple[Path, Path]:

@@ -1,13 +1,10 @@
 """Model files of FEBio: parts, node sets, element sets and surfaces are regions."""
 
-import re
-from html import unescape
 from pathlib import Path
 
 from hpcinv.base.mesh_formats.mesh_format import OF_NODES, Groups, MeshFormat
-from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.fault import Fault
 
-_NAMED = re.compile(r"<(?:Nodes|Elements|NodeSet|ElementSet|Surface)\b[^<>]*?\bname\s*=\s*\"([^\"]*)\"")
 _UNNAMED = r"part-\d+"
 _LARGEST = 200 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
@@ -22,7 +19,11 @@ class Feb(MeshFormat):
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by the names of parts, sets and surfaces; parts without a name are called such as ``part-2``."""
+        from hpcinv.base.reading.feb_model import names_in  # loads a parser of XML
+
         if path.stat().st_size > _LARGEST:
             return None
-        text = admitted(path).read_text(encoding="utf-8", errors="replace")
-        return Groups(frozenset(map(unescape, _NAMED.findall(text))), patterns=(_UNNAMED, f".+{OF_NODES}"))
+        try:
+            return Groups(frozenset(names_in(path)), patterns=(_UNNAMED, f".+{OF_NODES}"))
+        except Fault:  # reported by the reader
+            return None

@@ -171,7 +171,7 @@ class Observation(Spec):
         """Faults of the points of a curve or of lines on the body, and of the range of Klotz's curve."""
         if self.curve is not None:
             pressures = [point.pressure for point in self.curve]
-            if len(pressures) < 2 or any(b <= a for a, b in pairwise(pressures)):
+            if len(pressures) < 2 or pressures != sorted({*pressures}):
                 yield ("curve",), "must have two points at least, with growing pressures"
         if isinstance(self.klotz, PressureAndVolume) and not 0 < self.klotz.pressure < KLOTZ_LIMIT:
             yield ("klotz", "pressure"), KLOTZ_RANGE
@@ -240,6 +240,13 @@ class Identification(Spec):
         return [other for key in self.parameters for other in self.keys_of(key)]
 
 
+def _given_and_computed(states: Sequence[StateSpec]) -> tuple[str, list[str]]:
+    """Return the name of the given state, and the names of those that are computed."""
+    given = next((state.name for state in states if state.given), "")
+    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
+    return given, [name for name in names if name != given]
+
+
 def faults_of_identification(
     section: Identification,
     owners: Mapping[str, Owner],
@@ -252,17 +259,14 @@ def faults_of_identification(
     Args:
         owners: laws, effects, fibres and supports by their keys.
     """
-    given = next((state.name for state in states if state.given), "")
-    names = dict.fromkeys([*(state.name for state in states), rest_of(states)] if states else [])
-    shapes = [name for name in names if name != given]  # those that are computed
+    given, shapes = _given_and_computed(states)
     if not section.parameters:
         yield ("parameters",), "must name one number of the job at least"
     for key, sought in section.parameters.items():
         for place, text in _faults_of_parameter(key, sought or Sought(), owners):
             yield ("parameters", key, *place), text
     keys = section.keys
-    for i in repeated(keys):
-        yield ("parameters",), f"{keys[i]} is duplicated"
+    yield from ((("parameters",), f"{keys[i]} is duplicated") for i in repeated(keys))
     titles = [observation.name for observation in section.observations]
     for i in repeated(titles):
         yield ("observations", i, "name"), f"'{titles[i]}' is the name of an earlier observation"
@@ -352,6 +356,12 @@ def _faults_of_curve(
     except ValueError as error:
         yield ("cavity",), f"'{name}': {error}"
         return
+    yield from _faults_of_points(observation, section, points)
+
+
+def _faults_of_points(observation: Observation, section: Identification, points: Sequence[FillingPoint]) -> Faults:
+    """Faults of the points at which a curve of a cavity is compared."""
+    name = observation.cavity
     if not any(point.quantity for point in points):
         yield (
             ("cavity",),

@@ -4,7 +4,7 @@ The pressure of a mixed form jumps where one layer meets another, so that each h
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,19 @@ class Layering:
         return [self.law, dict(self.classes)]
 
 
+def _regional_numbers(owner: Ingredient, own: set[Any]) -> Iterator[tuple[tuple[str, ...], Sequence[Any]]]:
+    """Yield regions of each regional field of a law or effect, and their numbers.
+
+    Args:
+        own: regions with numbers of their own, which are marked with the region.
+    """
+    for value, _ in owner.quantities().values():
+        for field in fields_in(value):
+            if field.is_regional:
+                numbers = [(number, region if region in own else "") for region, number in field.numbers.items()]
+                yield tuple(field.numbers), numbers
+
+
 def layerings_of(
     laws: Mapping[str, MaterialLaw], effects: Mapping[str, Effect], varied: list[Parameter]
 ) -> tuple[Layering, ...]:
@@ -51,10 +64,8 @@ def layerings_of(
     owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
     for law, where, owner in owners:
         own = {part for place in free if place[0] == where for part in place[1:]}
-        for field in (field for value, _ in owner.quantities().values() for field in fields_in(value)):
-            if field.is_regional:
-                numbers = [(number, region if region in own else "") for region, number in field.numbers.items()]
-                values.setdefault((law, tuple(field.numbers)), []).append(numbers)
+        for regions, numbers in _regional_numbers(owner, own):
+            values.setdefault((law, regions), []).append(numbers)
     layerings = [Layering({where.removeprefix("material."): number for where, number in law_layers.items()})]
     layerings += [
         Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)

@@ -38,11 +38,7 @@ def unknown_regions(
         kind: of the body.
         groups: of the mesh; by default by its header, as far as that has them.
     """
-    try:
-        state = path.stat()
-        groups = groups or _groups(path, state.st_mtime_ns, state.st_size)
-    except (OSError, ValueError, MeshError):  # reported where the mesh is read
-        return
+    groups = groups or _groups_in(path)
     if groups is None:
         return
     has_names = bool(groups.names or groups.patterns)
@@ -58,6 +54,14 @@ def unknown_regions(
         if name in groups.thin:
             hint = f" It {THIN}. {THIN_REMEDY}"
         yield where, f"there is no region '{name}' in {path.name}, nor in 'regions'.{hint}"
+
+
+def _groups_in(path: Path) -> Groups | None:
+    try:
+        state = path.stat()
+        return _groups(path, state.st_mtime_ns, state.st_size)
+    except (OSError, ValueError, MeshError):  # reported where the mesh is read
+        return None
 
 
 def _ways_to_name(groups: Groups) -> str:

@@ -89,6 +89,17 @@ class VertexSet:
         return f"{len(self.points)} vertices"
 
 
+def _union(names: Sequence[object]) -> RegionUnion:
+    texts = [name for name in names if isinstance(name, str)]
+    if not names or len(texts) < len(names):
+        raise ValueError(f"must be a condition, or names of regions such as [endo, epi], not {shown(names)}")
+    members = tuple(name for name in texts if not name.startswith(EXCEPT))
+    without = tuple(name.removeprefix(EXCEPT).strip() for name in texts if name.startswith(EXCEPT))
+    if not members:
+        raise ValueError(f"must name a region from which to leave out others, such as [boundary, {texts[0]}]")
+    return RegionUnion(members, without)
+
+
 def _vertex_set(value: Mapping[object, object]) -> VertexSet:
     """Raise ``ValueError`` unless the mapping is a list of points."""
     points = value["vertices"]
@@ -133,13 +144,7 @@ class _Rule:
             return _smooth_face(value)
         if not isinstance(value, list | tuple):
             return Expression.read(value, info)
-        if not value or not all(isinstance(name, str) for name in value):
-            raise ValueError(f"must be a condition, or names of regions such as [endo, epi], not {shown(value)}")
-        members = tuple(name for name in value if not name.startswith(EXCEPT))
-        without = tuple(name.removeprefix(EXCEPT).strip() for name in value if name.startswith(EXCEPT))
-        if not members:
-            raise ValueError(f"must name a region from which to leave out others, such as [boundary, {value[0]}]")
-        return RegionUnion(members, without)
+        return _union(value)
 
     @staticmethod
     def _plain(

@@ -7,7 +7,8 @@ import glob
 import hashlib
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import IO, Any
@@ -49,7 +50,8 @@ def file_digest(path: Path) -> str:
     if mesh_format and mesh_format.is_partitioned:
         return read_header(path).digest()
     digest = hashlib.sha256()
-    try:
+    advice = "Keep the .h5 file next to the .xdmf file." if mesh_format else "Is the file readable?"
+    with _mesh_errors(path, advice):
         with admitted(path).open("rb") as file:
             head = file.read(_LONGEST_HEADER)
             digest.update(head)
@@ -58,20 +60,25 @@ def file_digest(path: Path) -> str:
         for name in names:
             with admitted(path.parent / name, path).open("rb") as file:
                 _update(digest, file)
-        if suffix_of(path) in _HEADERS:
-            for voxel_file in dict.fromkeys(_voxel_files(path, head)):
-                digest.update(voxel_file.name.encode())
-                with admitted(voxel_file, path).open("rb") as voxels:
-                    digest.update(hashlib.file_digest(voxels, "sha256").digest())
+        for voxel_file in dict.fromkeys(_voxel_files(path, head) if suffix_of(path) in _HEADERS else ()):
+            digest.update(voxel_file.name.encode())
+            with admitted(voxel_file, path).open("rb") as voxels:
+                digest.update(hashlib.file_digest(voxels, "sha256").digest())
+    return digest.hexdigest()
+
+
+@contextmanager
+def _mesh_errors(path: Path, advice: str) -> Iterator[None]:
+    """Context in which a file, or one that it names, is read; what is wrong with them becomes ``MeshError``."""
+    try:
+        yield
     except Fault as fault:
         raise MeshError(f"{path}: {fault.text}", "Convert it to .msh or .vtu.") from None
     except (OSError, ValueError) as error:
         missing = getattr(error, "filename", None) or path
         if isinstance(error, FileNotFoundError) and str(missing) == str(path):
             raise MeshError(f"{path}: no such file", "Paths of a job start from its directory.") from None
-        advice = "Keep the .h5 file next to the .xdmf file." if mesh_format else "Is the file readable?"
         raise MeshError(f"{path}: {missing} cannot be read: {getattr(error, 'strerror', error)}", advice) from None
-    return digest.hexdigest()
 
 
 def _voxel_files(path: Path, header: bytes) -> list[Path]:

@@ -6,6 +6,7 @@ that differ only in these use the same programs and the same matrix.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -90,15 +91,20 @@ def numbers_of(job: Job) -> tuple[float, ...]:
     Quantities of laws whose names begin with an underscore follow from others.
     """
     jobs = [solve.job for solve in job.plan] if job.states else [job]
-    effects = (effect for each_job in jobs for effect in each_job.effects)
-    ingredients = (*job.laws.values(), *effects, *job.fibres.values())
-    values = (v for i in ingredients for name, (v, _) in i.quantities().items() if not name.startswith("_"))
-    ingredient_numbers = (number for value in values for number in _numbers(value))
+    ingredients = (*job.laws.values(), *chain(*(each.effects for each in jobs)), *job.fibres.values())
+    supports = chain(*(each.supports for each in jobs))
+    cavities = chain(*(each.cavities.values() for each in jobs))
     return (
-        *ingredient_numbers,
-        *(n for each_job in jobs for support in each_job.supports for n in _numbers_of_support(support)),
-        *(n for each_job in jobs for cavity in each_job.cavities.values() for n in _numbers_of_cavity(cavity)),
+        *chain(*map(_numbers_of_ingredient, ingredients)),
+        *chain(*map(_numbers_of_support, supports)),
+        *chain(*map(_numbers_of_cavity, cavities)),
     )
+
+
+def _numbers_of_ingredient(ingredient: Ingredient) -> Iterator[float]:
+    for name, (value, _) in ingredient.quantities().items():
+        if not name.startswith("_"):
+            yield from _numbers(value)
 
 
 def _skeleton_of_loads(part: Job | StateSpec, data: Mapping[str, Any]) -> dict[str, Any]:

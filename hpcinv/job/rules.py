@@ -1,6 +1,6 @@
 """Rules between sections of a job, which hold after all sections are valid by themselves."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.quantity import positive
@@ -40,20 +40,16 @@ def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) ->
         yield (), f"must be mixed for the incompressible law, but {whole[0]} cannot be: give it kappa"
     elif chosen == "displacement" and is_incompressible:
         yield ("formulation",), "must be mixed (or auto), since the material is incompressible"
-    elif chosen == "auto" and wants_pressure(laws):
-        if discretisation.displacement == 1:
-            text = (
-                "must be 2 or more: the material is nearly incompressible, and the mixed form has no stable pressure "
-                "at 1 (or state 'formulation: displacement')"
-            )
-            yield ("displacement",), text
-    elif chosen == "auto" and not whole:
-        unknown = (where for where, law in laws.items() if law.stiffness_ratio is None)
-        if (where := next(unknown, None)) is not None:
-            yield (
-                ("formulation",),
-                f"must be stated, displacement or mixed, since the moduli of {where} vary over the body",
-            )
+    elif chosen == "auto" and wants_pressure(laws) and discretisation.displacement == 1:
+        text = (
+            "must be 2 or more: the material is nearly incompressible, and the mixed form has no stable pressure "
+            "at 1 (or state 'formulation: displacement')"
+        )
+        yield ("displacement",), text
+    elif chosen == "auto" and not whole and not wants_pressure(laws):
+        varying = [where for where, law in laws.items() if law.stiffness_ratio is None][:1]
+        text = "must be stated, displacement or mixed, since the moduli of {} vary over the body"
+        yield from ((("formulation",), text.format(where)) for where in varying)
 
 
 def unsuited_effects(
@@ -203,29 +199,32 @@ def quantities_of_states(
         Problems: names are duplicated, or a state does not have the support, contact or prestrain of a quantity.
     """
     loaded = {state.name: state for state in states if not state.is_rest}
-    raise_if_any(((i, place), text) for i, q in enumerate(quantities) for place, text in _unknown_states(q, loaded))
+    raise_if_any(_at_places(enumerate(quantities), lambda q: _unknown_states(q, loaded)))
     numbered = [(i, quantity) for i, q in enumerate(quantities) for quantity in _one_for_each_state(q, loaded)]
     names = [q.name for _, q in numbered]
     raise_if_any(
         ((numbered[i][0], "name"), f"'{names[i]}' is the name of another quantity in a state") for i in repeated(names)
     )
     effects_of: dict[str, Sequence[Effect]] = {name: state.effects for name, state in loaded.items()} or {"": effects}
-    raise_if_any(
-        ((i, *place), text)
-        for i, q in numbered
-        for part in parts(q)
-        for place, text in _missing_parts(part, supports, effects_of, loaded)
-    )
+    numbered_parts = [(i, part) for i, q in numbered for part in parts(q)]
+    raise_if_any(_at_places(numbered_parts, lambda part: _missing_parts(part, supports, effects_of, loaded)))
     return tuple(quantity for _, quantity in numbered)
 
 
-def _unknown_states(quantity: QuantityOfInterest, loaded: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield the faults of the states of a quantity."""
+def _at_places(
+    quantities: Iterable[tuple[int, QuantityOfInterest]], faults: Callable[[QuantityOfInterest], Faults]
+) -> Faults:
+    """Faults of quantities, with their places in the list."""
+    return (((i, *place), text) for i, quantity in quantities for place, text in faults(quantity))
+
+
+def _unknown_states(quantity: QuantityOfInterest, loaded: Iterable[str]) -> Faults:
+    """Faults of the states of a quantity."""
     for key, state in (("state", quantity.state), ("from", quantity.from_state)):
         if state is not None and state not in loaded:
-            yield key, f"there is no loaded state '{state}'.{did_you_mean(state, loaded)}"
+            yield (key,), f"there is no loaded state '{state}'.{did_you_mean(state, loaded)}"
     if quantity.from_state is not None and quantity.from_state == quantity.state:
-        yield "from", f"is the state '{quantity.state}' itself; name another one"
+        yield ("from",), f"is the state '{quantity.state}' itself; name another one"
 
 
 def _one_for_each_state(quantity: QuantityOfInterest, loaded: Iterable[str]) -> list[QuantityOfInterest]:
@@ -259,13 +258,20 @@ def _missing_parts(
         yield from _missing_contact(quantity, effects_of)
     elif quantity.is_reaction:
         own_supports = loaded[state].supports if state else None
-        regions = list(dict.fromkeys(s.region for s in (supports if own_supports is None else own_supports)))
-        if quantity.on not in regions:
-            where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
-            state_text = f" in state '{state}'" if state else ""
-            held = [name for name, other in loaded.items() if quantity.on in [s.region for s in other.supports or ()]]
-            text = f"{shown(quantity.on)} is not the region of a support{state_text}: {where}{_state_to_give(held)}"
-            yield ("on",), text
+        yield from _missing_support(quantity, supports if own_supports is None else own_supports, loaded)
+
+
+def _missing_support(
+    quantity: QuantityOfInterest, supports: Sequence[Support], loaded: Mapping[str, StateSpec]
+) -> Faults:
+    """Faults of a reaction on a region that has none of its state's supports."""
+    regions = list(dict.fromkeys(support.region for support in supports))
+    if quantity.on not in regions:
+        where = f"those with supports are {', '.join(regions)}" if regions else "the job has no supports"
+        state_text = f" in state '{quantity.state}'" if quantity.state else ""
+        held = [name for name, other in loaded.items() if quantity.on in [s.region for s in other.supports or ()]]
+        text = f"{shown(quantity.on)} is not the region of a support{state_text}: {where}{_state_to_give(held)}"
+        yield ("on",), text
 
 
 def _missing_contact(quantity: QuantityOfInterest, loads: Mapping[str, Iterable[Effect]]) -> Faults:

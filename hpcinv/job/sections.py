@@ -144,6 +144,17 @@ def _sources_in(data: Any) -> list[str]:
     return [key for key in _OTHER_SOURCES if isinstance(data, Mapping) and key in data]
 
 
+def _fault_of_format(path: Path) -> str:
+    """Return what is wrong with a mesh that exists; empty if it has what its suffix says."""
+    mesh_format = MESHES.get(suffix_of(path))
+    if not is_file(path / mesh_format.head if mesh_format else path):
+        return "is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
+    try:
+        return mesh_format.fault(path) if mesh_format else ""
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+
+
 class MeshFile(Spec):
     """A mesh: a file, or a generator that is run when the mesh is needed."""
 
@@ -248,16 +259,7 @@ class MeshFile(Spec):
             others = [p.name for p in path.parent.glob("*")] if exists(path.parent) else []
             near = did_you_mean(path.name, others, list_all=False)
             raise ValueError(f"there is no file '{path}'.{near or ' Paths start from the directory of the job file'}")
-        mesh_format = MESHES.get(suffix_of(path))
-        if not is_file(path / mesh_format.head if mesh_format else path):
-            raise ValueError(
-                f"'{path}' is not of the kind of its suffix; 'hpcinv mesh partition' makes a partitioned mesh"
-            )
-        try:
-            fault = mesh_format.fault(path) if mesh_format else ""
-        except OSError as error:
-            fault = f"cannot be read: {error.strerror}"
-        if fault:
+        if fault := _fault_of_format(path):
             raise ValueError(f"'{path}' {fault}")
         return file
 
@@ -620,10 +622,11 @@ class MeshSpec(MeshFile):
         if self.wall is None:
             if is_centreline:
                 yield (), "a table of centrelines is given as 'lumen', with the 'wall' around it"
-            for key in ("ends", "layers"):
-                if key in self.model_fields_set:
-                    yield (key,), "is for a 'lumen' only"
+            yield from (((key,), "is for a 'lumen' only") for key in ("ends", "layers") if key in self.model_fields_set)
             return
+        yield from self._faults_of_lumen(is_centreline=is_centreline)
+
+    def _faults_of_lumen(self, *, is_centreline: bool) -> Faults:
         if not (self.is_image or self.is_surface or is_centreline):
             kinds = f"an image ({', '.join(IMAGES)}), a surface ({', '.join(SURFACES)}) or a table ({CENTRELINE})"
             yield ("lumen",), f"must be {kinds}"
@@ -773,11 +776,10 @@ class Support(Spec):
                 yield ("constants",), "are not valid without a formula: 'displacement' or 'surface'"
         if self.surface is not None:
             yield from self._surface_faults()
-        if self.normal is not None:
-            if not self.slides:
-                yield ("normal",), "is valid with 'fix: [normal]' only"
-            elif not any(self.normal):
-                yield ("normal",), "must not be zero"
+        if self.normal is not None and not self.slides:
+            yield ("normal",), "is valid with 'fix: [normal]' only"
+        elif self.normal is not None and not any(self.normal):
+            yield ("normal",), "must not be zero"
 
     def _surface_faults(self) -> Faults:
         if not self.slides:
@@ -974,17 +976,21 @@ class QuantityOfInterest(Spec):
             if getattr(self, field) is not None:
                 yield (field,), "is not valid with a reaction, which is a sum over the region of a support"
 
-    def _faults_of_formula(self) -> Faults:
-        if (self.at is None) == (self.on is None):
+    def _faults_of_place(self) -> Faults:
+        is_on_region = self.on is not None
+        if (self.at is not None) == is_on_region:
             yield (), "needs exactly one of 'at' (a point) and 'on' (a region)"
-        elif self.on is not None and self.reduce is None:
+        elif is_on_region and self.reduce is None:
             yield ("reduce",), "is needed on a region: max, min, mean, max_abs, rms or integral"
-        elif self.at is not None and self.reduce is not None:
+        elif not is_on_region and self.reduce is not None:
             yield ("reduce",), "is not valid at a point"
-        if self.over is None and self.on is not None and self.reduce == "integral":
+        if self.over is None and is_on_region and self.reduce == "integral":
             yield ("over",), "is needed for an integral: over the 'reference' or the 'current' body"
-        elif self.over is not None and (self.on is None or self.reduce in ("max", "min", "max_abs")):
+        elif self.over is not None and (not is_on_region or self.reduce in ("max", "min", "max_abs")):
             yield ("over",), "is valid only with an integral, a mean or rms on a region"
+
+    def _faults_of_formula(self) -> Faults:
+        yield from self._faults_of_place()
         if self.at is not None and self.needs_surface:
             yield ("of",), "has the normal of a surface: name a region of the boundary with 'on', not 'at'"
         if self.is_displacement and self.on is not None:

@@ -87,25 +87,36 @@ def read_sensitivities(given: object, owners: Mapping[str, Owner]) -> dict[str, 
         with collected(problems, place):
             number = _number(key, owners, known)
             entry: Mapping[object, object] = value if isinstance(value, Mapping) else {"sd": value}
-            deviation = entry.get("sd")
-            if unknown := entry.keys() - Uncertain.model_fields.keys():
-                raise ValueError(f"has {shown(min(map(str, unknown)))}; it may have sd, also and scale")
-            known.add(number.key)
-            keys: dict[str, tuple[str, ...]] = {}
-            for kind in TIES:
-                others = entry.get(kind, ())
-                if not isinstance(others, list | tuple):
-                    raise ValueError(f"{kind} must be a list of keys, not {shown(others)}")
-                for other in others:
-                    tied = _number(other, owners, known)
-                    known.add(tied.key)
-                    if fault := fault_of_tie(tied, number, kind):
-                        raise ValueError(fault)
-                keys[kind] = tuple(others)
-            sd = None if deviation is None else positive(deviation, number.dimension, number.key)
-            uncertain[number.key] = Uncertain.model_construct(sd=sd, also=keys["also"], scale=keys["scale"])
+            uncertain[number.key] = _uncertain(number, entry, owners, known)
     raise_if_any(problems)
     return uncertain
+
+
+def _uncertain(
+    number: Parameter, entry: Mapping[object, object], owners: Mapping[str, Owner], known: set[str]
+) -> Uncertain:
+    """Return deviation and ties of a number.
+
+    Args:
+        known: keys of the numbers of earlier entries.
+    """
+    if unknown := entry.keys() - Uncertain.model_fields.keys():
+        raise ValueError(f"has {shown(min(map(str, unknown)))}; it may have sd, also and scale")
+    known.add(number.key)
+    keys: dict[str, tuple[str, ...]] = {}
+    for kind in TIES:
+        others = entry.get(kind, ())
+        if not isinstance(others, list | tuple):
+            raise ValueError(f"{kind} must be a list of keys, not {shown(others)}")
+        for other in others:
+            tied = _number(other, owners, known)
+            known.add(tied.key)
+            if fault := fault_of_tie(tied, number, kind):
+                raise ValueError(fault)
+        keys[kind] = tuple(others)
+    deviation = entry.get("sd")
+    sd = None if deviation is None else positive(deviation, number.dimension, number.key)
+    return Uncertain.model_construct(sd=sd, also=keys["also"], scale=keys["scale"])
 
 
 def _number(key: object, owners: Mapping[str, Owner], known: set[str]) -> Parameter:

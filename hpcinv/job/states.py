@@ -79,14 +79,25 @@ def faults_of_states(states: Sequence[StateSpec]) -> Faults:
         yield (), "none of them is given: write 'given: true' at the state in which the mesh is"
     for i in given[1:]:
         yield (i, "given"), f"the mesh is already '{names[given[0]]}': only one state can be given"
-    rest = [i for i, state in enumerate(states) if state.is_rest]
+    yield from _faults_of_rest([i for i, state in enumerate(states) if state.is_rest], names)
+    yield from _faults_of_starts(states, names)
+
+
+def _faults_of_rest(rest: Sequence[int], names: Sequence[str]) -> Faults:
+    """Faults of the states without loads.
+
+    Args:
+        rest: their places among all states.
+    """
     for i in rest[1:]:
         yield (i,), f"has neither effects nor supports, so it is the rest shape, as '{names[rest[0]]}' already is"
-    for i, state in enumerate(states):
-        if state.name == REST and not rest:
-            yield (i, "name"), f"'{REST}' is the shape without effects and supports: choose another name"
-    if len(rest) == len(states):
+    if REST in names and not rest:
+        yield (names.index(REST), "name"), f"'{REST}' is the shape without effects and supports: choose another name"
+    if len(rest) == len(names):
         yield (), "none of them is loaded: give one of them effects or supports"
+
+
+def _faults_of_starts(states: Sequence[StateSpec], names: Sequence[str]) -> Faults:
     for i, state in enumerate(states):
         if state.start is not None and state.start not in names:
             yield (i, "start"), f"there is no state '{state.start}'.{did_you_mean(state.start, names)}"

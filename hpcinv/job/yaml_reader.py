@@ -243,34 +243,35 @@ class _Document:
 
 def _scalar_of(event: Any) -> str | bool | int | float | None:
     """Value of a scalar by its tag, or by the core schema if it is plain and has no tag."""
-    text = event.value
-    plain, quoted = event.implicit
-    if event.tag in ("!", _PREFIX + "str") or (event.tag is None and not plain and quoted):
+    text, kind = event.value, _kind_of(event)
+    if kind == "str":
         return str(text)
-    if event.tag is None:
-        kind = None
-        if text[:1] in _BEGIN:  # the first characters of all patterns
-            kind = next((kind for kind, pattern in _PATTERNS.items() if pattern.fullmatch(text)), None)
-    else:
-        kind = event.tag.removeprefix(_PREFIX)
-        if kind not in _PATTERNS:
-            raise _not_allowed(event)
-        if not any(_PATTERNS[k].fullmatch(text) for k in {kind, "int" if kind == "float" else kind}):
-            raise _YamlFault(f"'{_short(text)}' is not a valid !!{kind}", event)
-    match kind:
-        case None:
-            return str(text)
-        case "null":
-            return None
-        case "bool":
-            return bool(text.lower() == "true")
+    if kind == "null":
+        return None
+    if kind == "bool":
+        return bool(text.lower() == "true")
     if len(text) > LONGEST_NUMBER:
         raise _YamlFault(f"a number of {len(text):,} characters; it may have {LONGEST_NUMBER}", event)
-    if kind == "int":
-        return int(text, 0 if text[:2] in ("0o", "0x") else 10)
-    return float(
-        int(text, 0) if text[:2] in ("0o", "0x") else text.lower().replace(".inf", "inf").replace(".nan", "nan")
-    )
+    if text[:2] in ("0o", "0x"):
+        return int(text, 0) if kind == "int" else float(int(text, 0))
+    return int(text) if kind == "int" else float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+def _kind_of(event: Any) -> str:
+    """Return what a scalar is: ``str``, or the name of a pattern."""
+    text, (plain, quoted) = event.value, event.implicit
+    if event.tag in ("!", _PREFIX + "str") or (event.tag is None and not plain and quoted):
+        return "str"
+    if event.tag is None:
+        if text[:1] not in _BEGIN:  # the first characters of all patterns
+            return "str"
+        return next((kind for kind, pattern in _PATTERNS.items() if pattern.fullmatch(text)), "str")
+    kind = str(event.tag.removeprefix(_PREFIX))
+    if kind not in _PATTERNS:
+        raise _not_allowed(event)
+    if not any(_PATTERNS[k].fullmatch(text) for k in {kind, "int" if kind == "float" else kind}):
+        raise _YamlFault(f"'{_short(text)}' is not a valid !!{kind}", event)
+    return kind
 
 
 def _not_allowed(event: Any) -> _YamlFault:

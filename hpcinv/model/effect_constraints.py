@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.job.job import Job
 from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.parameters import ParameterDirection
@@ -25,7 +26,7 @@ class NumberReport(ConstraintReport):
         effect: place of the effect in the job.
         number: place among the effects.
         key: name of the number.
-        value: in SI.
+        value: in ``unit``, the SI unit.
     """
 
     section: ClassVar[str] = "constraints"
@@ -35,6 +36,7 @@ class NumberReport(ConstraintReport):
     number: int
     key: str
     value: float
+    unit: str
     residual: float
 
     @property
@@ -43,10 +45,11 @@ class NumberReport(ConstraintReport):
 
     @property
     def note(self) -> str:
-        return f"{self.key} {self.value:.6g} (SI)"
+        return f"{self.key} {as_shown(self.value, self.unit, {})}"
 
     def as_data(self) -> dict[str, Any]:
-        return {"effect": self.effect, "key": self.key, "value": self.value, "residual": self.residual}
+        keys = ("effect", "key", "value", "unit", "residual")
+        return {key: getattr(self, key) for key in keys}
 
     def given_in(self, job: Job) -> Job:
         return self._with(job, self.value)
@@ -80,7 +83,8 @@ class EffectConstraint:
         self._place, self._effect, self._weak_form = place, job.effects[place], weak_form
         self._where, self._ingredient = job.named_effects[place][0], len(job.laws) + place
         self._case = job.case_of(self._effect)
-        self.unit = scales.unit_of(self._effect.quantities()[self._effect.finds][1])
+        self._dimension = self._effect.quantities()[self._effect.finds][1]
+        self.unit = scales.unit_of(self._dimension)
         self._integral, self.number = weak_form.constraints[place], 0.0
 
     @property
@@ -110,8 +114,9 @@ class EffectConstraint:
         state = self._weak_form.unknowns.state.x.petsc_vec
         row = state.duplicate()
         self._integral.gradient(row)
-        terms, value = float(np.abs(row.array * state.array).sum()), abs(self.value(load))
+        terms, error = float(np.abs(row.array * state.array).sum()), abs(self.value(load))
         row.destroy()
         size = self._weak_form.unknowns.mesh.comm.allreduce(terms, op=MPI.SUM)
-        residual = value / max(size, value) if value else 0.0
-        return NumberReport(self._where, self._place, self._effect.finds, self.number * self.unit, residual)
+        residual = error / max(size, error) if error else 0.0
+        value = self.number * self.unit
+        return NumberReport(self._where, self._place, self._effect.finds, value, self._dimension.unit, residual)

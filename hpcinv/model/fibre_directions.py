@@ -34,6 +34,7 @@ _PARALLEL = 1e-3  # sine of the angle between the directions along and across th
 _TURN = 0.5  # cosine of the largest turn of the wall between the middle and other points of a cell
 _SHORT = 0.4  # length of interpolated unit vectors below which they nearly cancel
 _EQUISPACED = basix.LatticeType.equispaced
+_TIE = 1e-9  # of the largest distance: points are equally far if theirs differ by less
 _DEGREE = 2  # of the directions in a cell, since a helix may turn by 120° through one layer of cells
 _SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
 """Signs of the axes of right-handed frames that are the same lines."""
@@ -208,9 +209,16 @@ def _farthest(body: Body, laplace: Laplace, epi: LocalIndices, base: LocalIndice
     middle = comm.allreduce(x[base].sum(axis=0), op=MPI.SUM) / comm.allreduce(len(base), op=MPI.SUM)
     distances = np.linalg.norm(x[epi] - middle, axis=1)
     most = comm.allreduce(float(distances.max(initial=0.0)), op=MPI.MAX)
-    nearly = epi[distances > (1 - 1e-9) * most]  # of several, the same one on any number of ranks
-    chosen = min(comm.allreduce([tuple(point) for point in x[nearly].tolist()], op=MPI.SUM))
-    return np.asarray(nearly[(x[nearly] == chosen).all(axis=1)])
+    nearly = epi[distances > (1 - _TIE) * most]
+    points = np.vstack([np.zeros((0, 3)), *comm.allgather(x[nearly])])
+    return np.asarray(nearly[np.linalg.norm(x[nearly] - _first_by_place(points, _TIE * most), axis=1) <= _TIE * most])
+
+
+def _first_by_place(points: Floats, tolerance: float) -> Floats:
+    """Return the point (3,) of least x, of several the one of least y, then z, whatever their order (n, 3)."""
+    for axis in range(3):
+        points = points[points[:, axis] <= points[:, axis].min() + tolerance]
+    return np.asarray(points[0])
 
 
 def _check_apart(

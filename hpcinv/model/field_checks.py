@@ -40,10 +40,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
         _check_bounds(fields, where, ingredient)
     for where, law in job.laws.items():
         if _varies(law):
-            par = _samples(fields, where, law)
-            finite = (law.shear_modulus,) if law.is_incompressible else (law.shear_modulus, law.bulk_modulus)
-            for modulus in finite:
-                _require_positive(fields, modulus(par), f"{where}: the {modulus.__name__.replace('_', ' ')}")
+            _check_moduli(fields, where, law)
     for where, family in job.families.items():
         ((direction, _),) = family.quantities().values()
         length = np.linalg.norm(fields.vector_samples(direction, where), axis=-1)
@@ -53,6 +50,13 @@ def check_fields(job: Job, fields: BodyFields) -> None:
             directions = {name: _directions(fields, job.families[f"fibres.{name}"], where) for name in effect.families}
             for what, values in effect.positive(_samples(fields, where, effect), directions).items():
                 _require_positive(fields, values, f"{where}: {what}")
+
+
+def _check_moduli(fields: BodyFields, where: str, law: MaterialLaw) -> None:
+    par = _samples(fields, where, law)
+    finite = (law.shear_modulus,) if law.is_incompressible else (law.shear_modulus, law.bulk_modulus)
+    for modulus in finite:
+        _require_positive(fields, modulus(par), f"{where}: the {modulus.__name__.replace('_', ' ')}")
 
 
 def _varies(ingredient: Ingredient) -> bool:

@@ -1,6 +1,6 @@
 """The largest known error of a computed shape, and its cause."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,12 @@ class ShapeError:
         return {"largest": self.largest, "cause": self.cause, "by_cause": dict(self.causes)}
 
 
+def _round_trips(lines: Sequence[Mapping[str, Any]], solutions: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Return what round trips miss (m)."""
+    shares = [float(line["value"]) for line in lines if line["name"].startswith("round trip") and line["value"]]
+    return [share * float(solutions[0]["largest_displacement"]) for share in shares if solutions]
+
+
 def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
     """Return the errors that a summary has of its shapes, over all states; ``None`` if it has none."""
     certificate, causes = summary["certificate"], dict[str, float]()
@@ -58,12 +64,7 @@ def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
     ]
     if known := [float(sd) for sd in deviations if sd is not None]:
         causes["surface"] = max(known)
-    gaps = [
-        float(line["value"]) * float(solution["largest_displacement"])
-        for line in certificate["lines"]
-        for solution in summary["solutions"][:1]
-        if line["name"].startswith("round trip") and line["value"] is not None
-    ]
+    gaps = _round_trips(certificate["lines"], summary["solutions"])
     if causes and gaps and max(gaps) > max(causes.values()):
         causes["round trip"] = max(gaps)
     if not causes:

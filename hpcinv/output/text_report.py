@@ -105,7 +105,7 @@ def _solutions(solutions: Sequence[Mapping[str, Any]], symbols: Mapping[str, str
         yield from (_cavity(cavity, symbols) for cavity in solution.get("cavities", ()))
         yield from (_remote_load(load, symbols) for load in solution.get("remote_loads", ()))
         for found in solution.get("constraints", ()):
-            yield f"  {found['effect']}: {found['key']} {found['value']:.6g} (SI)"
+            yield f"  {found['effect']}: {found['key']} {as_shown(found['value'], found['unit'], symbols)}"
 
 
 def _quantities(statistics: Mapping[str, Any], symbols: Mapping[str, str]) -> Iterator[str]:
@@ -130,25 +130,29 @@ def _estimated_error(estimate: Mapping[str, Any], name: str, omission: str, text
 
 def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable[..., str]) -> Iterator[str]:
     """Yield notes on the errors of a quantity, whose values ``text`` shows."""
-    estimated = statistics["certificate"]["estimate"] or {"quantities": {}, "without_geometry": ""}
-    bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
-    omission = ", without the error of the geometry" if estimated.get("without_geometry") else ""
-    reactions = _reactions(statistics)
+    is_reaction, slopes = name in _reactions(statistics), statistics["sensitivities"]
     if (spread := (statistics.get("surface_errors") or {}).get("quantities", {}).get(name)) is not None:
         yield f"± {text(spread, digits=2)} by errors of the surface"
-    if (bound := bounds.get(name, 0.0)) is None or not math.isfinite(bound):
-        yield "error not bounded: one mesh proves nothing here"
-    elif name in bounds:  # only one error of a quantity is printed
-        yield f"error at most {text(bound, digits=3)}{omission}"
-    elif name in estimated["quantities"]:
-        yield _estimated_error(estimated, name, omission, text)
-    elif name in reactions and statistics["certificate"]["estimate"] is not None:
-        yield "no error estimate for reactions"
-    slopes = statistics["sensitivities"] or {"quantities": {}}
-    if (deviation := slopes["quantities"].get(name, {"sd": None})["sd"]) is not None:
-        yield f"standard deviation {text(deviation, digits=2)}"
-    elif name in reactions and statistics["sensitivities"] is not None:
+    if error := _error_of_mesh(statistics, name, text, is_reaction=is_reaction):
+        yield error
+    if slopes is not None and slopes["quantities"].get(name, {"sd": None})["sd"] is not None:
+        yield f"standard deviation {text(slopes['quantities'][name]['sd'], digits=2)}"
+    elif slopes is not None and is_reaction:
         yield "no sensitivities of reactions"
+
+
+def _error_of_mesh(statistics: Mapping[str, Any], name: str, text: Callable[..., str], *, is_reaction: bool) -> str:
+    """Return the bound of the error of a quantity, or its estimate; empty if there is neither."""
+    estimate = statistics["certificate"]["estimate"]
+    bounds = (statistics.get("accuracy") or {"bounds": {}})["bounds"]
+    omission = ", without the error of the geometry" if estimate and estimate.get("without_geometry") else ""
+    if name in bounds:
+        if bounds[name] is None or not math.isfinite(bounds[name]):
+            return "error not bounded: one mesh proves nothing here"
+        return f"error at most {text(bounds[name], digits=3)}{omission}"
+    if estimate and name in estimate["quantities"]:
+        return _estimated_error(estimate, name, omission, text)
+    return "no error estimate for reactions" if is_reaction and estimate is not None else ""
 
 
 def _distances(errors: Mapping[str, Any], symbols: Mapping[str, str]) -> Iterator[str]:

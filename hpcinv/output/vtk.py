@@ -34,6 +34,9 @@ from hpcinv.trust.certificate import Estimate
 BODIES = ("undeformed", "deformed")
 
 
+_ADVICE = "Is the directory writable, and space left?"
+
+
 def write_fields(
     directory: Path,
     body: Body,
@@ -59,16 +62,7 @@ def write_fields(
     """
     comm = body.mesh.comm
     partial = directory.with_name(f".{directory.name}.partial")
-    advice = "Is the directory writable, and space left?"
-
-    def prepare() -> None:
-        try:
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.mkdir(parents=True)
-        except OSError as exc:
-            raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", advice) from exc
-
-    on_root(comm, prepare)
+    on_root(comm, lambda: _prepare(partial, directory))
     undeformed = dict[str, Floats]()
     for number, solution in enumerate(solutions):
         with body.at(solution.mesh_nodes):
@@ -84,19 +78,28 @@ def write_fields(
                 failed = write_vtu(path, comm, fields.grid(points), own_arrays, [*cell_arrays, *fibre_arrays])
                 if failed is not None:
                     on_root(comm, lambda: shutil.rmtree(partial, ignore_errors=True))
-                    raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", advice) from None
+                    raise OutputError(f"{directory}: cannot be written: {failed.strerror or failed}", _ADVICE) from None
+    on_root(comm, lambda: _publish(partial, directory, [solution.state for solution in solutions]))
 
-    def publish() -> None:
-        try:
-            for name in BODIES:
-                (partial / f"{name}.pvd").write_text(_collection(name, [solution.state for solution in solutions]))
-            if directory.exists():
-                shutil.rmtree(directory)
-            partial.rename(directory)
-        except OSError as exc:
-            raise OutputError(f"{directory}: cannot be replaced: {exc.strerror or exc}", advice) from exc
 
-    on_root(comm, publish)
+def _prepare(partial: Path, directory: Path) -> None:
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+    except OSError as exc:
+        raise OutputError(f"{directory}: cannot be made: {exc.strerror or exc}", _ADVICE) from exc
+
+
+def _publish(partial: Path, directory: Path, states: Sequence[str]) -> None:
+    """Write the collections, and replace a directory by the finished one."""
+    try:
+        for name in BODIES:
+            (partial / f"{name}.pvd").write_text(_collection(name, states))
+        if directory.exists():
+            shutil.rmtree(directory)
+        partial.rename(directory)
+    except OSError as exc:
+        raise OutputError(f"{directory}: cannot be replaced: {exc.strerror or exc}", _ADVICE) from exc
 
 
 def _data_file(body: str, state: str) -> str:

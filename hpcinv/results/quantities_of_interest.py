@@ -153,12 +153,8 @@ def values_of(
     for q in quantities:
         if q.at is not None:
             values[q.name] = _point_value(q, body, solution, places[q.name], known.get(q.name, {}))
-        elif q.cavity is not None and q.dimension == STRESS:
-            pressures = {cavity.name: cavity.pressure for cavity in solution.cavities}
-            values[q.name] = pressures[q.cavity]
         elif q.cavity is not None:
-            nodes = solution.reference_nodes if q.over == "reference" else solution.current_nodes
-            values[q.name] = on_demand("enclosed volume")(solution.job, body, q.cavity).volume(nodes)
+            values[q.name] = _cavity_value(q, q.cavity, body, solution)
         elif q.uses_quadrature:
             values[q.name] = _quadrature_value(q, body, fields)
         else:
@@ -183,6 +179,14 @@ def fields_for(
     """Return the fields that the quantities need, ``None`` if there are none."""
     names = [q.of.names for q in quantities if q.fields or q.uses_quadrature]
     return PointFields(body, weak_form, scales, frozenset().union(*names)) if names else None
+
+
+def _cavity_value(quantity: QuantityOfInterest, cavity: str, body: Body, solution: Solution) -> float:
+    """Return the pressure or the volume of a cavity."""
+    if quantity.dimension == STRESS:
+        return next(found.pressure for found in solution.cavities if found.name == cavity)
+    nodes = solution.reference_nodes if quantity.over == "reference" else solution.current_nodes
+    return float(on_demand("enclosed volume")(solution.job, body, cavity).volume(nodes))
 
 
 def _point_value(

@@ -133,6 +133,16 @@ def test_a_missing_extra_is_one_message_with_its_command(module: str, monkeypatc
     assert caught.value.exit_code == 5
 
 
+def test_messages_name_extras_instead_of_their_packages() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    packages = {line.partition("==")[0] for name, lines in extras.items() if name != "checkpoints" for line in lines}
+    text = "\n".join(path.read_text() for path in sorted((ROOT / "hpcinv").rglob("*.py")))
+    named = re.findall(r"pip install '?([\w.-]+)(?:\[(\w+)\])?", text)
+    assert {extra for _, extra in named if extra} >= {"imaging", "tables", "vtk", "posterior"}
+    assert {extra for _, extra in named if extra} <= extras.keys()
+    assert not packages & {name for name, _ in named}
+
+
 def test_dependencies_can_be_installed_by_pip_alone() -> None:
     """adios4dolfinx asks for a package that no index has: the page installs it by a line of its own."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -70,6 +70,17 @@ def test_parts_sets_and_surfaces_are_regions(text: str, tmp_path: Path) -> None:
     assert {"lower", "both", "top", "foot", "Object"} <= shown.names
 
 
+def test_names_of_regions_are_read_by_the_parser_of_the_content(tmp_path: Path) -> None:
+    path = tmp_path / "a.feb"
+    path.write_text(FORMAT_4.replace("<Mesh>", '<Mesh><!-- <NodeSet name="gone"> -->'))
+    groups = FORMATS[".feb"].groups(path)
+    assert groups is not None
+    assert "foot" in groups.names
+    assert "gone" not in groups.names
+    path.write_text(FORMAT_4.removesuffix("</febio_spec>\n"))
+    assert FORMATS[".feb"].groups(path) is None  # the reader says that it is cut
+
+
 def test_surfaces_on_shells_apart_from_the_body_are_left_out(tmp_path: Path) -> None:
     floor = '<Elements type="quad4" name="floor"><elem id="10">31,32,33,34</elem></Elements><Surface name="top">'
     corners = "".join(

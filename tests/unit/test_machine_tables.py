@@ -135,7 +135,7 @@ def test_workbooks_need_a_package_and_whole_files(tmp_path: Path, monkeypatch: p
         read_file(path, SPECIMEN)
     path.write_bytes(b"PK\x03\x04")
     monkeypatch.setitem(sys.modules, "openpyxl", None)
-    with pytest.raises(SystemPartMissing, match="pip install openpyxl"):
+    with pytest.raises(SystemPartMissing, match=r"pip install 'hpcinv\[tables\]'"):
         read_file(path, SPECIMEN)
 
 

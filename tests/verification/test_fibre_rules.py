@@ -21,7 +21,7 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.fibre_directions import _farthest, cell_vectors, rule_directions
+from hpcinv.model.fibre_directions import _farthest, _first_by_place, cell_vectors, rule_directions
 from hpcinv.model.laplace import Laplace
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}
@@ -177,6 +177,15 @@ def test_the_apex_is_farthest_from_the_middle_of_the_base(comm: MPI.Intracomm) -
     assert np.partition(distances, -2)[-2] < 0.99 * distances.max()  # there is one
     assert found_points == pytest.approx(epi[[np.argmax(distances)]])
     laplace.destroy()
+
+
+def test_equally_far_points_are_chosen_by_place_whatever_their_order_and_rounding() -> None:
+    """Four corners of a square: rounding must not decide which of two corners of least x is the apex."""
+    corners = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0.0]])
+    chance = np.random.default_rng(3)
+    for _ in range(20):
+        rounded = corners[chance.permutation(4)] + chance.uniform(-1e-15, 1e-15, (4, 3))
+        assert _first_by_place(rounded, 1e-9) == pytest.approx([-1, -1, 0], abs=1e-12)
 
 
 PRISM = """

@@ -16,8 +16,10 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.keys import assigned
+from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.errors import JobError
 from hpcinv.mesh import build_body
+from hpcinv.output.text_report import report
 from hpcinv.physics.effects import effects
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
@@ -111,6 +113,8 @@ def test_both_directions_find_the_same_reaction_and_shape(plugin: Path) -> None:
     (found,), (again,) = there.constraints, back.constraints
     assert mean_displacement(there) == pytest.approx(DISPLACEMENT - COMPLIANCE * found.value, rel=1e-12)
     assert again.value == pytest.approx(found.value, rel=1e-10)
+    text = f"reaction {as_shown(found.value, 'Pa', run.statistics['units'])}"
+    assert f"  effects[0]: {text}" in report(run.statistics)
     assert back.u == pytest.approx(there.u, abs=1e-11)
     lines = {line.topic.name: line for line in run.certificate.lines}
     assert run.certificate.verdict.value == "pass"

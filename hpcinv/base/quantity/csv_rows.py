@@ -81,17 +81,16 @@ def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> l
     Raises:
         ValueError: a row cannot be read; with the line and the reason.
     """
+    given = list(enumerate(text.removeprefix("\ufeff").splitlines(), start=1))
+    if not delimiter:
+        first = next((line for _, line in given if line.strip(" \t,;") and not line.lstrip().startswith("#")), "")
+        delimiter = next((d for d in "\t;" if d in first), ",")
     lines: list[tuple[int, list[str] | str]] = []
-    for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
+    for number, line in given:
         if line.lstrip().startswith("#"):
             lines.append((number, line.lstrip("# \t")))
         elif line.strip(" \t,;"):
-            delimiter = delimiter or next((d for d in "\t;" if d in line), ",")
-            try:
-                entries = next(csv.reader([line], delimiter=delimiter))
-            except csv.Error as error:  # an entry of more than 131,072 characters
-                raise ValueError(f"line {number}: cannot be read: {error}") from None
-            lines.append((number, [entry.strip() for entry in entries]))
+            lines.append((number, _entries(number, line, delimiter)))
     rows = [entries for _, entries in lines if not isinstance(entries, str)]
     unknown = COMMA if delimiter == ";" else OPEN  # American programs write no semicolons
     marks = decimal_marks(rows, unknown, COMMA if decimal_comma else OPEN)
@@ -101,6 +100,13 @@ def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> l
         (number, entries) if isinstance(entries, str) else Row(number, tuple(entries), tuple(marks[: len(entries)]))
         for number, entries in lines
     ]
+
+
+def _entries(number: int, line: str, delimiter: str) -> list[str]:
+    try:
+        return [entry.strip() for entry in next(csv.reader([line], delimiter=delimiter))]
+    except csv.Error as error:  # an entry of more than 131,072 characters
+        raise ValueError(f"line {number}: cannot be read: {error}") from None
 
 
 def text_of(path: Path, most: int) -> str:

@@ -133,13 +133,7 @@ class Expression:
         Raises:
             ValueError: the formula has an unknown variable, or adds or compares quantities of different dimensions.
         """
-        defined: list[str] = []
-        for name, text in (*self.definitions, ("", self.source)):
-            place = f" ('{name}' of 'let')" if name else ""
-            for unknown in sorted(_names(text) - known.keys() - set(defined)):
-                hint = did_you_mean(unknown, (*known, *defined))
-                raise ValueError(f"unknown name '{unknown}' in {_quoted(text)}{place}.{hint}")
-            defined.append(name)
+        self._check_names(known)
         measures: dict[str, Any] = {name: TermDimension(d) for name, d in (known | dict.fromkeys(CONSTANTS)).items()}
         functions = {name: f.measure for name, f in FUNCTIONS.items()} | RELATIONS
         for name, text in (*self.definitions, ("", self.source)):
@@ -156,6 +150,15 @@ class Expression:
                 raise ValueError(f"{_quoted(text)}{place} {error}") from None
         value = measures[""]
         return True if isinstance(value, Condition) else value.dimension
+
+    def _check_names(self, known: Mapping[str, Dimension | None]) -> None:
+        defined: list[str] = []
+        for name, text in (*self.definitions, ("", self.source)):
+            for unknown in sorted(_names(text) - known.keys() - set(defined)):
+                place = f" ('{name}' of 'let')" if name else ""
+                hint = did_you_mean(unknown, (*known, *defined))
+                raise ValueError(f"unknown name '{unknown}' in {_quoted(text)}{place}.{hint}")
+            defined.append(name)
 
     def expect(self, known: dict[str, Dimension | None], wanted: Dimension | bool | None) -> None:
         """Raise ``ValueError`` unless `check` returns ``wanted``; None accepts any number."""
@@ -418,18 +421,20 @@ def _refuse_unless_known(node: ast.AST, source: str, literals: Mapping[str, Any]
         case ast.Name(id=name) if name.startswith("_") and name not in literals:
             raise ValueError(f"unknown name '{name}' in {_quoted(source)}; names begin with a letter")
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
-            if name not in FUNCTIONS:
-                raise ValueError(f"unknown function '{name}' in {_quoted(source)}.{did_you_mean(name, FUNCTIONS)}")
-            wanted = FUNCTIONS[name].arguments
-            if len(arguments) != wanted if wanted else len(arguments) < 2:
-                raise ValueError(
-                    f"{name}() takes {wanted or 'two or more'} values, not {len(arguments)}, in {_quoted(source)}"
-                )
+            _check_call(name, len(arguments), source)
         case ast.Constant() | ast.Name() | ast.Compare() | ast.BoolOp() | ast.BinOp() | ast.UnaryOp() | ast.Load():
             pass
         case _ if type(node) not in _ARITHMETIC and type(node) not in _LOGIC:
             sign = "; write <= or >= with a tolerance for ==" if isinstance(node, ast.Eq | ast.NotEq) else ""
             raise ValueError(f"{_quoted(source)} holds more than numbers, names, + - * / **, < > and functions{sign}")
+
+
+def _check_call(name: str, arguments: int, source: str) -> None:
+    if name not in FUNCTIONS:
+        raise ValueError(f"unknown function '{name}' in {_quoted(source)}.{did_you_mean(name, FUNCTIONS)}")
+    wanted = FUNCTIONS[name].arguments
+    if arguments != wanted if wanted else arguments < 2:
+        raise ValueError(f"{name}() takes {wanted or 'two or more'} values, not {arguments}, in {_quoted(source)}")
 
 
 def _walk(

@@ -88,9 +88,13 @@ def _number(place: Any, parts: tuple[KeyPart, ...]) -> float | None:
         return float(place) if isinstance(place, int | float) else None
     part, rest = parts[0], parts[1:]
     if part is None:
-        entries = [_number(entry, rest) for entry in place] if isinstance(place, list) else []
-        numbers = [number for number in entries if number is not None]
-        return sum(numbers) if numbers else None
-    if isinstance(part, int):
-        return _number(place[part], rest) if isinstance(place, list) and part < len(place) else None
-    return _number(place[part], rest) if isinstance(place, Mapping) and part in place else None
+        return _sum_of(place, rest)
+    is_item = isinstance(part, int) and isinstance(place, list) and part < len(place)
+    is_entry = isinstance(part, str) and isinstance(place, Mapping) and part in place
+    return _number(place[part], rest) if is_item or is_entry else None
+
+
+def _sum_of(entries: Any, parts: tuple[KeyPart, ...]) -> float | None:
+    found = [_number(entry, parts) for entry in entries] if isinstance(entries, list) else []
+    numbers = [number for number in found if number is not None]
+    return sum(numbers) if numbers else None

@@ -46,16 +46,9 @@ class Quantity:
         """SI value of a number or of text with a unit; ``ValueError`` for a wrong type, dimension or bound."""
         if self.infinite and value == self.infinite:
             return math.inf
-        if isinstance(value, str):
-            number, dimension = constant(value)
-            if self.dimension is not None and dimension not in (None, self.dimension):
-                raise ValueError(f"must be {self._wanted}, but '{value}' is {dimension}")
-            if is_arithmetic(value):
-                value = number  # faults are the result's
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"must be {self._wanted}, not {value!r}")
-        else:
-            number = as_float(value)
+        number = self._number_of(value)
+        if isinstance(value, str) and is_arithmetic(value):
+            value = number  # faults are the result's
         if not math.isfinite(number) and not (self.infinite and number == math.inf):
             raise ValueError(f"must be finite, not {value!r}")
         if 0 < abs(number) < sys.float_info.min:
@@ -63,6 +56,16 @@ class Quantity:
         if not self.admits(number):
             raise ValueError(f"must be {self.bounds}, not {value}" + (f"; {self.remedy}" if self.remedy else ""))
         return number
+
+    def _number_of(self, value: object) -> float:
+        if isinstance(value, str):
+            number, dimension = constant(value)
+            if self.dimension is not None and dimension not in (None, self.dimension):
+                raise ValueError(f"must be {self._wanted}, but '{value}' is {dimension}")
+            return number
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"must be {self._wanted}, not {value!r}")
+        return as_float(value)
 
     def admits(self, number: float) -> bool:
         """Return whether a value (SI) is within the bounds."""

@@ -71,7 +71,7 @@ def _workbook(content: bytes, most: int, sheet: str | None) -> TableReading:
     try:
         import openpyxl
     except ImportError:
-        advice = "Install it by: pip install openpyxl (1.5 MB), or save the table as .csv."
+        advice = "Install it by: pip install 'hpcinv[tables]', or save the table as .csv."
         raise SystemPartMissing("workbooks (.xlsx) are read by openpyxl, which is not installed", advice) from None
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as parts:
@@ -126,19 +126,20 @@ def _lines(cells_by_row: Iterator[tuple[Any, ...]]) -> Iterator[tuple[int, list[
     """Yield the number of a line and its entries, each as a text or as an exact number; or a comment."""
     count = 0
     for line, cells in enumerate(cells_by_row, start=1):
-        if not cells:  # one of the empty rows before a formatted cell
-            continue
-        count += len(cells)
+        count += len(cells)  # 0 in the empty rows before a formatted cell
         if count > _MOST_CELLS:
             raise ValueError(f"has more than {_MOST_CELLS:,} cells, many of them empty; save it as .csv")
-        entries = [_text(cell) for cell in cells[:_MOST_COLUMNS]]
-        while entries and not entries[-1]:
+        entries = [(_text(cell), _is_exact(cell)) for cell in cells[:_MOST_COLUMNS]]
+        while entries and not entries[-1][0]:
             entries.pop()
-        if entries and entries[0].startswith("#"):
-            yield line, " ".join(entries).lstrip("# \t")
-        elif any(entries):
-            numbers = [isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells]
-            yield line, [("", text) if exact else (text, "") for text, exact in zip(entries, numbers, strict=False)]
+        if entries and entries[0][0].startswith("#"):
+            yield line, " ".join(text for text, _ in entries).lstrip("# \t")
+        elif entries:
+            yield line, [("", text) if is_exact else (text, "") for text, is_exact in entries]
+
+
+def _is_exact(cell: Any) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
 def _text(cell: Any) -> str:

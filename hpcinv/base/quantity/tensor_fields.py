@@ -41,13 +41,15 @@ class TensorQuantity(VaryingQuantity):
             with collected(problems, str(region)):
                 tensors[str(region)] = self._rows(value, self.parse)
         raise_if_any(problems)
-        rows = [[{region: t[i][j] for region, t in tensors.items()} for j in range(3)] for i in range(3)]
-        varies = any(len(set(x.values())) > 1 for row in rows for x in row)
-        # Each component that varies is a function of its own; one at least keeps the regions.
-        return tuple(
-            tuple(ByRegion(x) if len(set(x.values())) > 1 or not varies else next(iter(x.values())) for x in row)
-            for row in rows
-        )
+        first, *others = tensors.values()
+        varies = any(other != first for other in others)
+
+        def component(i: int, j: int) -> Any:
+            """Each component that varies is a function of its own; one at least keeps the regions."""
+            values = {region: tensor[i][j] for region, tensor in tensors.items()}
+            return ByRegion(values) if len({*values.values()}) > 1 or not varies else first[i][j]
+
+        return tuple(tuple(component(i, j) for j in range(3)) for i in range(3))
 
     def _rows(self, value: object, read: Callable[[Any], Any]) -> tuple[tuple[Any, ...], ...]:
         if not _is_three(value):

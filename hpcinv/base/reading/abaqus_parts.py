@@ -56,13 +56,17 @@ def placed_parts(parts: Mapping[str, Part], instances: list[Keyword]) -> list[tu
         if len(instances) > 1 and numbers - (outside.nodes.keys() if key[0] != "cells" else set()):
             raise Fault(f"set '{shown(spelled)}' of the assembly has numbers without instance=", "Name the instance.")
         for name, face in {member.lower(): face for member, face in members if not member.isdigit()}.items():
-            with_set = [own for own, _, _ in placed if (_inner_kind(key[0], face), name) in own.sets]
-            if not with_set:
-                raise Fault(f"set '{shown(spelled)}' has '{shown(name)}', which is not defined")
-            for own, _, _ in placed:
-                if own not in with_set:
-                    own.sets[key] = [entry for entry in own.sets[key] if entry[0].lower() != name]
+            _drop_where_missing([own for own, _, _ in placed], key, (_inner_kind(key[0], face), name), spelled)
     return placed
+
+
+def _drop_where_missing(owns: list[Part], key: tuple[str, str], inner: tuple[str, str], spelled: str) -> None:
+    """Leave a set out of another in the parts that do not have it; ``Fault`` if none has."""
+    without = [own for own in owns if inner not in own.sets]
+    if len(without) == len(owns):
+        raise Fault(f"set '{shown(spelled)}' has '{shown(inner[1])}', which is not defined")
+    for own in without:
+        own.sets[key] = [entry for entry in own.sets[key] if entry[0].lower() != inner[1]]
 
 
 def _part_of(card: Keyword, instance: str, parts: Mapping[str, Part]) -> Part:

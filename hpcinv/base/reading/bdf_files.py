@@ -54,6 +54,23 @@ class _Deck:
     kinds: dict[int, str] = field(default_factory=dict)  # of sets: nodes, cells
     case_sets: dict[int, str] = field(default_factory=dict)
     cards: list[_Card] = field(default_factory=list)
+    _pending: int = 0  # set of the case control whose line continues
+
+    def note_name(self, comment: re.Match[str]) -> None:
+        """Note the name that a comment gives to a set or a property."""
+        is_set, number_of = comment[1] == "SET", int(comment[2][:18])
+        self.names["set" if is_set else "property", number_of] = comment[4]
+        if is_set:
+            self.kinds[number_of] = {"1": "nodes", "2": "cells"}.get(comment[3], "")
+
+    def read_case(self, line: str) -> None:
+        """Read a line of the case control, which may be a set."""
+        if match := _CASE_SET.match(line.strip()):
+            self._pending = int(match[1][:18])
+            self.case_sets[self._pending] = match[2]
+        elif self._pending:
+            self.case_sets[self._pending] += f" {line.strip()}"
+        self._pending = self._pending if line.endswith(",") else 0
 
 
 def read_bdf(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -144,8 +161,8 @@ class _Body:
                 if all_in(members, nodes) or all_in(members, elements):
                     self._listed.setdefault(tag, ("", members))
         for tag, (kind, members) in self._listed.items():
-            kind = kind or self._deck.kinds.get(tag, "") or ("nodes" if all_in(members, nodes) else "")
-            kind = kind or ("cells" if all_in(members, elements) else "nodes")
+            is_of_cells = not all_in(members, nodes) and all_in(members, elements)
+            kind = kind or self._deck.kinds.get(tag, "") or ("cells" if is_of_cells else "nodes")
             named[f"{kind}:{_name(self._deck, 'set', tag)}"] = members
         return named
 
@@ -180,28 +197,17 @@ def _deck(path: Path) -> _Deck:
     deck, lines = _Deck(), list(lines_of(path, Inclusions(path.parent), ()))
     begin = next((line.place for line in lines if _BEGIN.match(line.text)), "")
     is_bulk = not begin
-    pending = 0
     for place, raw in lines:
         if match := _NAME.match(raw):
-            is_set = match[1] == "SET"
-            deck.names["set" if is_set else "property", int(match[2][:18])] = match[4]
-            if is_set:
-                deck.kinds[int(match[2][:18])] = {"1": "nodes", "2": "cells"}.get(match[3], "")
+            deck.note_name(match)
         line = raw.split("$")[0].rstrip()
-        if not line:
-            continue
-        if not is_bulk:
-            if match := _CASE_SET.match(line.strip()):
-                pending = int(match[1][:18])
-                deck.case_sets[pending] = match[2]
-            elif pending:
-                deck.case_sets[pending] += f" {line.strip()}"
-            pending = pending if line.endswith(",") else 0
+        if line and not is_bulk:
+            deck.read_case(line)
             is_bulk = line.strip().upper().startswith("BEGIN")
-            continue
-        _add_line(deck, line, place)
-        if deck.cards and deck.cards[-1].name == "ENDDATA":
-            break
+        elif line:
+            _add_line(deck, line, place)
+            if deck.cards and deck.cards[-1].name == "ENDDATA":
+                break
     if not deck.cards:
         raise Fault("has no bulk data", "Is it an input file of Nastran?")
     if begin and deck.cards[-1].name != "ENDDATA":

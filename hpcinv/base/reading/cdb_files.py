@@ -5,7 +5,7 @@ SOLID186, SOLID187 and SOLID285.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,58 +49,93 @@ class _Lines:
 
 def read_cdb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of nodes, elements and components; ``ignored`` are commands on materials and loads."""
-    lines = _Lines(path)
-    tags: list[int] = []
-    points: list[list[float]] = []
-    kinds: dict[int, int] = {}
-    elements: list[tuple[int, int, int, list[int]]] = []
-    sets: dict[str, list[int]] = {}
-    ignored = set[str]()
-    others: list[int] = []  # numbers of elements in blocks that are not of solids, such as contacts
-    variables: dict[str, str] = {}
+    archive, lines = _Archive(), _Lines(path)
     while lines.more():
         words = [word.strip() for word in lines.next().split("!")[0].split(",")]
-        match _command(words[0]):
-            case "NBLOCK":
-                _read_nodes(lines, tags, points)
-            case "EBLOCK" if "SOLID" in [word.upper() for word in words]:
-                elements += _elements(lines)
-            case "EBLOCK":
-                others += _other_elements(lines)
-            case "CMBLOCK":
-                ignored.update(_read_component(lines, words, sets))
-            case "*SET" if len(words) > 2:
-                variables[words[1].upper()] = words[2]
-            case "ET" if len(words) > 2:
-                number_of, type_name = (variables.get(word.upper(), word) for word in words[1:3])
-                if number_of.isdigit():
-                    kinds[int(number_of)] = _kind(type_name, lines.place)
-                else:
-                    ignored.add(f"ET,{shown(number_of)}")
-            case "ETBLOCK":
-                kinds |= _types(lines)
-            case keyword if keyword in _LOADS:
-                ignored.add(keyword)
-    blocks = Blocks()
-    materials: dict[int, list[int]] = {}
-    for tag, material, kind, nodes in elements:
-        if kinds.get(kind) not in _SOLIDS:
+        command = _command(words[0])
+        if reader := _READERS.get(command):
+            reader(archive, lines, words)
+        elif command in _LOADS:
+            archive.ignored.add(command)
+    return archive.arrays()
+
+
+class _Archive:
+    """What the commands of a file say.
+
+    Attributes:
+        kinds: numbers such as 186 of the types of elements, by the number of the type.
+        elements: number, material, type and nodes of each.
+        others: numbers of elements in blocks that are not of solids, such as contacts.
+        ignored: what is not used.
+    """
+
+    def __init__(self) -> None:
+        self.tags: list[int] = []
+        self.points: list[list[float]] = []
+        self.kinds: dict[int, int] = {}
+        self.elements: list[tuple[int, int, int, list[int]]] = []
+        self.sets: dict[str, list[int]] = {}
+        self.ignored: set[str] = set()
+        self.others: list[int] = []
+        self._variables: dict[str, str] = {}
+
+    def read_nodes(self, lines: _Lines, words: list[str]) -> None:
+        _read_nodes(lines, self.tags, self.points)
+
+    def read_elements(self, lines: _Lines, words: list[str]) -> None:
+        if "SOLID" in [word.upper() for word in words]:
+            self.elements += _elements(lines)
+        else:
+            self.others += _other_elements(lines)
+
+    def read_component(self, lines: _Lines, words: list[str]) -> None:
+        self.ignored.update(_read_component(lines, words, self.sets))
+
+    def read_variable(self, lines: _Lines, words: list[str]) -> None:
+        if len(words) > 2:
+            self._variables[words[1].upper()] = words[2]
+
+    def read_type(self, lines: _Lines, words: list[str]) -> None:
+        if len(words) < 3:
+            return
+        number_of, type_name = (self._variables.get(word.upper(), word) for word in words[1:3])
+        if number_of.isdigit():
+            self.kinds[int(number_of)] = _kind(type_name, lines.place)
+        else:
+            self.ignored.add(f"ET,{shown(number_of)}")
+
+    def read_types(self, lines: _Lines, words: list[str]) -> None:
+        self.kinds |= _types(lines)
+
+    def arrays(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what `read_cdb` does."""
+        blocks = Blocks()
+        materials: dict[int, list[int]] = {}
+        for tag, material, kind, nodes in self.elements:
+            if self.kinds.get(kind) in _SOLIDS:
+                blocks.add(tag, _shape(tag, nodes))
+                materials.setdefault(material, []).append(tag)
+            else:
+                blocks.add_facet(tag, ())
+        for tag in self.others:
             blocks.add_facet(tag, ())
-            continue
-        blocks.add(tag, _shape(tag, nodes))
-        materials.setdefault(material, []).append(tag)
-    for tag in others:
-        blocks.add_facet(tag, ())
-    if others:
-        ignored.add(f"{len(others):,} elements that are not solids")
-    if len(materials) > 1:
-        sets |= {f"cells:material-{material}": members for material, members in materials.items()}
-    return {"ignored": sorted(ignored)}, element_arrays(tags, points, blocks, sets, _KINDS)
+        if self.others:
+            self.ignored.add(f"{len(self.others):,} elements that are not solids")
+        if len(materials) > 1:
+            self.sets |= {f"cells:material-{material}": members for material, members in materials.items()}
+        return {"ignored": sorted(self.ignored)}, element_arrays(self.tags, self.points, blocks, self.sets, _KINDS)
 
 
-_COMMANDS = {
-    name[:4]: name for name in ("NBLOCK", "EBLOCK", "CMBLOCK", "*SET", "ETBLOCK", "MPDATA", "TBDATA", "SFEBLOCK")
+_READERS: Mapping[str, Callable[[_Archive, _Lines, list[str]], None]] = {
+    "NBLOCK": _Archive.read_nodes,
+    "EBLOCK": _Archive.read_elements,
+    "CMBLOCK": _Archive.read_component,
+    "*SET": _Archive.read_variable,
+    "ET": _Archive.read_type,
+    "ETBLOCK": _Archive.read_types,
 }
+_COMMANDS = {name[:4]: name for name in (*_READERS, *_LOADS) if len(name) > 3}
 
 
 def _command(word: str) -> str:

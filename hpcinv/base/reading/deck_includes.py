@@ -4,10 +4,10 @@ Each function follows the includes. With ``--untrusted``, `hpcinv.formats.reader
 process.
 """
 
-import re
 from pathlib import Path
 from typing import Any
 
+from hpcinv.base.reading.abaqus_keywords import keywords
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.included_files import included_by, lines_of
 
@@ -15,10 +15,8 @@ LONGEST_TEXT = 200_000_000
 """Largest deck (bytes) whose text is kept; raised, a damaged or hostile file can fill more memory."""
 _LARGEST = 200 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""
-_NAMED = re.compile(
-    r"^\s*\*\s*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^\n]*?\b(?:NSET|ELSET|NAME)\s*=\s*\"?([^,\"\n]+)", re.I | re.M
-)
-_SEVERAL = re.compile(r"^\s*\*\s*INSTANCE\b", re.I | re.M)
+_NAMED = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE")
+"""keywords that name sets and surfaces"""
 
 type Answer = tuple[dict[str, Any], dict[str, Any]]
 
@@ -45,10 +43,13 @@ def inp_names(path: Path) -> Answer:
     if path.stat().st_size > _LARGEST:
         return {"names": None}, {}
     try:
-        text = "\n".join(line.text for line in lines_of(path, _LARGEST))
+        found = list(keywords(line for line in lines_of(path, _LARGEST) if line.text.startswith("*")))
     except Fault:  # reported by the reader
         return {"names": None}, {}
-    return {"names": None if _SEVERAL.search(text) else [name.strip() for name in _NAMED.findall(text)]}, {}
+    if any(keyword.name == "INSTANCE" for keyword in found):
+        return {"names": None}, {}
+    options = [keyword.options for keyword in found if keyword.name in _NAMED]
+    return {"names": [named[key] for named in options for key in ("NSET", "ELSET", "NAME") if key in named]}, {}
 
 
 def inp_text(path: Path) -> Answer:

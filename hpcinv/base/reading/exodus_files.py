@@ -4,7 +4,7 @@ The file is netCDF: classic, which SciPy reads, or version 4, which is HDF5. Sou
 Finite Element Data Model* (SAND92-2137).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -47,10 +47,7 @@ def read_exodus(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return arrays of nodes, elements and sets; ``ignored`` are values at nodes and in elements."""
     with _variables(path) as data:
         points = _points(data)
-        numbers = data.numbers("node_num_map") if "node_num_map" in data.names else range(1, len(points) + 1)
-        if len(numbers) != len(points):
-            raise Fault(f"has {len(numbers):,} numbers of {len(points):,} nodes", "Is the file complete?")
-        tags = np.array(numbers, dtype=np.int64)
+        tags = np.array(_numbered(data, "node_num_map", len(points), "nodes"), dtype=np.int64)
         blocks, sets = Blocks(), dict[str, list[int]]()
         every, sizes = _read_blocks(data, tags, blocks, sets)
         for name, at in _named(data, "ns", "nodeset", "node_ns"):
@@ -59,24 +56,33 @@ def read_exodus(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         for name, at in _named(data, "els", "elemset", "elem_els"):
             rows = _valid(data.array(f"elem_els{at}"), len(every), f"element set '{shown(name)}'")
             sets[f"cells:{name}"] = [every[row] for row in rows.tolist()]
-        faces: dict[str, list[tuple[int, int]]] = {}
+        faces = dict[str, list[tuple[int, int]]]()
         for name, at in _named(data, "ss", "sideset", "elem_ss"):
-            elements, sides = data.array(f"elem_ss{at}"), data.numbers(f"side_ss{at}")
-            rows = _valid(elements, len(every), f"side set '{shown(name)}'")
-            if len(rows) != len(sides):
-                raise Fault(f"side set '{shown(name)}' has {len(rows)} elements and {len(sides)} sides")
-            for row, side in zip(rows.tolist(), sides, strict=True):
-                local = SIDES.get(sizes[row], ())
-                if local and not 1 <= side <= len(local):
-                    raise Fault(f"side set '{shown(name)}': element {every[row]} has no side {side}")
-                if local:
-                    faces.setdefault(name, []).append((every[row], local[side - 1]))
+            faces.setdefault(name, []).extend(_faces(data, at, f"side set '{shown(name)}'", every, sizes))
         ignored = ["results"] if any(name.startswith(("vals_nod_var", "vals_elem_var")) for name in data.names) else []
     arrays = element_arrays(tags, points, blocks, sets, _KINDS)
     row_of = {int(tag): row for row, tag in enumerate(arrays["cell_tags"])}
     for name, pairs in faces.items():
-        arrays[f"faces:{name}"] = np.unique([(row_of[tag], face) for tag, face in pairs], axis=0)
+        if pairs:
+            arrays[f"faces:{name}"] = np.unique([(row_of[tag], face) for tag, face in pairs], axis=0)
     return {"ignored": ignored}, arrays
+
+
+def _faces(data: _Variables, at: int, owner: str, every: Any, sizes: list[int]) -> Iterator[tuple[int, int]]:
+    """Yield numbers of the solid elements of a side set, and of their faces.
+
+    Args:
+        every, sizes: numbers of all elements and of their vertices.
+    """
+    rows, sides = _valid(data.array(f"elem_ss{at}"), len(every), owner), data.numbers(f"side_ss{at}")
+    if len(rows) != len(sides):
+        raise Fault(f"{owner} has {len(rows)} elements and {len(sides)} sides")
+    for row, side in zip(rows.tolist(), sides, strict=True):
+        local = SIDES.get(sizes[row], ())
+        if local and not 1 <= side <= len(local):
+            raise Fault(f"{owner}: element {every[row]} has no side {side}")
+        if local:
+            yield every[row], local[side - 1]
 
 
 def _read_blocks(data: _Variables, tags: Any, blocks: Blocks, sets: dict[str, list[int]]) -> tuple[Any, list[int]]:
@@ -88,10 +94,7 @@ def _read_blocks(data: _Variables, tags: Any, blocks: Blocks, sets: dict[str, li
     if any(table.ndim != 2 for table in tables):
         raise Fault("has elements of varying numbers of nodes", f"Elements are {_KINDS}.")
     count = sum(len(table) for table in tables)
-    given = next((name for name in ("elem_num_map", "elem_map") if name in data.names), "")
-    numbers = data.numbers(given) if given == "elem_num_map" else range(1, count + 1)
-    if len(numbers) != count:
-        raise Fault(f"has {len(numbers):,} numbers of {count:,} elements", "Is the file complete?")
+    numbers = _numbered(data, "elem_num_map", count, "elements")
     sizes: list[int] = []
     start = 0
     for (name, at), table in zip(listed, tables, strict=True):
@@ -132,6 +135,14 @@ def _points(data: _Variables) -> Any:
     if points.ndim != 2 or points.shape[1] != 3:
         raise Fault("has no coordinates in three dimensions", "Is it an Exodus file of a solid mesh?")
     return points
+
+
+def _numbered(data: _Variables, name: str, count: int, what: str) -> Sequence[int]:
+    """Return the numbers of nodes or elements, which count them if there is no list."""
+    numbers = data.numbers(name) if name in data.names else range(1, count + 1)
+    if len(numbers) != count:
+        raise Fault(f"has {len(numbers):,} numbers of {count:,} {what}", "Is the file complete?")
+    return numbers
 
 
 def _named(data: _Variables, prefix: str, default: str, variable: str) -> Iterator[tuple[str, int]]:

@@ -1,5 +1,8 @@
 """What is wrong with a file."""
 
+IMAGING = "Install it by: pip install 'hpcinv[imaging]'"
+"""what installs the packages of images"""
+
 
 class Fault(Exception):
     """A file cannot be read, or contradicts itself; ``text`` follows the file's name in the message."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.fault import Fault, shown
+from hpcinv.base.reading.feb_model import local_name, local_nodes, model_of
 from hpcinv.base.reading.inp_files import FACES
-from hpcinv.base.reading.local_fibres import local_name, local_nodes
 from hpcinv.base.reading.numbered_elements import integers
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
@@ -43,7 +43,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         "cell_tags": integers(cell_tags, "numbers of elements"),
     }
     arrays |= _cell_sets(blocks, cell_tags)
-    arrays |= {key: np.unique([_row(row, tag, "a node set") for tag in tags]) for key, tags in sets.items() if tags}
+    arrays |= {key: np.unique(_rows(row, [tags], "a node set")) for key, tags in sets.items() if tags}
     arrays |= {key: _rows(row, facets, "a surface") for key, facets in _surfaces(mesh, cells).items() if facets}
     for nodes_of_fibre in _local_fibres(root):
         first, second = (arrays["points"][_local(arrays["cells"], number)] for number in nodes_of_fibre)
@@ -67,13 +67,7 @@ def _cell_sets(blocks: dict[str, list[int]], cell_tags: list[int]) -> dict[str, 
 
 def _model(path: Path) -> tuple[ET.Element, ET.Element]:
     """Return the elements of the model and of its mesh."""
-    content = admitted(path).read_bytes()
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise Fault("has definitions of entities, which could fill the memory", "Save the model again.")
-    try:
-        root = ET.fromstring(content)
-    except (ET.ParseError, LookupError) as error:  # an unknown encoding
-        raise Fault(f"is not XML: {error}", "Is the file complete?") from None
+    root = model_of(admitted(path).read_bytes())
     mesh = root.find("Mesh") if root.find("Mesh") is not None else root.find("Geometry")
     if root.tag != "febio_spec" or mesh is None:
         raise Fault("is not a model of FEBio with a mesh", "Save the model with FEBio Studio.")

@@ -8,7 +8,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Literal, cast
@@ -222,9 +222,8 @@ def read_metaimage(file: IO[bytes]) -> ImageHeader:
         raise Fault(f"'ElementType' in its header is '{kind[:60]}', not a type of numbers", _AGAIN)
     if (channels := fields.get("ElementNumberOfChannels", "1")) != "1":
         raise Fault(f"has {channels[:20]} numbers in each voxel", "Give a segmentation, with one number in each voxel.")
-    turn = next((key for key in ("TransformMatrix", "Rotation", "Orientation") if key in fields), None)
-    rows = _numbers(fields, turn, count**2) if turn else [float(i % (count + 1) == 0) for i in range(count**2)]
-    place = next((key for key in ("Offset", "Origin", "Position") if key in fields), None)
+    identity = [float(i % (count + 1) == 0) for i in range(count**2)]
+    rows = _numbers_of(fields, ("TransformMatrix", "Rotation", "Orientation"), identity)
     order = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
     encoding: Encoding = "zlib" if _is_true(fields, "CompressedData", "False") else "raw"
     if not _is_true(fields, "BinaryData", "True"):
@@ -234,11 +233,17 @@ def read_metaimage(file: IO[bytes]) -> ImageHeader:
         (">" if _truth("BinaryDataByteOrderMSB", order) else "<") + _METAIMAGE_TYPES[kind],
         _numbers(fields, _needed(fields, "ElementSpacing", "ElementSize"), count),
         tuple(tuple(rows[i * count : (i + 1) * count]) for i in range(count)),
-        _numbers(fields, place, count) if place else (0.0,) * count,
+        _numbers_of(fields, ("Offset", "Origin", "Position"), [0.0] * count),
         encoding,
         _metaimage_source(fields, more),
         _whole_numbers(fields, "HeaderSize", 1)[0] if "HeaderSize" in fields else 0,
     )
+
+
+def _numbers_of(fields: Mapping[str, str], keys: Sequence[str], default: Sequence[float]) -> tuple[float, ...]:
+    """Return the numbers at the first of several keys that is there, as many as in ``default``."""
+    key = next((key for key in keys if key in fields), None)
+    return tuple(default if key is None else _numbers(fields, key, len(default)))
 
 
 def _is_true(fields: Mapping[str, str], key: str, default: str) -> bool:

@@ -42,6 +42,7 @@ from hpcinv.base.reading.standing_conditions import (
     PRESSED,
     NewConditions,
     SingleConditions,
+    Standing,
     by_axis,
     vectors,
 )
@@ -143,20 +144,32 @@ class _Conditions:
         for region, name, face in self.pressed:
             if ("cells", name.lower()) in part.sets:  # not of other elements
                 part.members("faces", region).append((name, face))
+        for name, members in self._nodes(part, has_rotations=has_rotations).items():
+            if ("nodes", name) not in part.sets:
+                part.members("nodes", name).extend((str(node), "") for node in sorted(members & part.nodes.keys()))
+        for name, faces in (
+            *_faces(self.single.pressed, "pressed", "S"),
+            *_faces(self.single.edges, "edge-loaded", "E"),
+        ):
+            if ("faces", name) not in part.sets:
+                part.members("faces", name).extend((str(e), face) for e, face in faces if e in part.elements)
+
+    def _nodes(self, part: Part, *, has_rotations: bool) -> dict[str, frozenset[int]]:
+        """Return nodes that are held or loaded alike, by the name of their set."""
         single = self.single
         nodes = {name: nodes for name, _, nodes in held_groups(by_axis(single.held))}
         nodes |= _with_vertices(dict(force_groups(vectors(single.forces, is_scaled=False))), part)
         if has_rotations:
             nodes |= dict(force_groups(vectors(single.moments, is_scaled=False), "turned"))
-        for name, members in nodes.items():
-            if ("nodes", name) not in part.sets:
-                part.members("nodes", name).extend((str(node), "") for node in sorted(members & part.nodes.keys()))
-        for standing, called, letter in ((single.pressed, "pressed", "S"), (single.edges, "edge-loaded", "E")):
-            for name, _, places in pressed_groups({k: v.raw for k, v in standing.values.items()}, called):
-                if ("faces", name) not in part.sets:
-                    known = sorted(place for place in places if place[0] in part.elements)
-                    faces = ((str(element), f"{letter}{face}" if face else "") for element, face in known)
-                    part.members("faces", name).extend(faces)
+        return nodes
+
+
+def _faces(
+    standing: Standing[tuple[int, int]], called: str, letter: str
+) -> Iterator[tuple[str, list[tuple[int, str]]]]:
+    """Yield the name of each set of faces or edges that are loaded alike, and elements with names of their faces."""
+    for name, _, places in pressed_groups({place: value.raw for place, value in standing.values.items()}, called):
+        yield name, [(element, f"{letter}{face}" if face else "") for element, face in sorted(places)]
 
 
 _MIDDLES = {
@@ -240,35 +253,53 @@ def _content(path: Path, kind: _Solids) -> tuple[dict[str, Any], dict[str, Any],
     file = _FileReader(path, kind)
     file.read()
     placed = placed_parts(file.parts, file.instances) or [(file.parts[""], at_place, "")]
-    points: list[Any] = []
-    tags: list[int] = []
-    cells: list[list[int]] = []
-    cell_tags: list[int] = []
-    sets: dict[str, list[Any]] = {}
+    assembly = _Assembly(kind.face)
     for part, moved, name in placed:
         if not part.elements:
             raise kind.lacking(part)
-        node_row = {tag: len(points) + i for i, tag in enumerate(part.nodes)}
-        cell_row = {tag: len(cells) + i for i, tag in enumerate(part.elements)}
-        points += [moved(position) for position in part.nodes.values()]
-        tags += part.nodes
-        cell_tags += part.elements
-        cells += _cells(part, node_row)
-        for place, key in part.names:
-            rows = rows_of_set(part, place, key, node_row, cell_row, cells, kind.face)
-            if len(rows):
-                sets.setdefault(_name_of_set(part, place, key, name if len(placed) > 1 else ""), []).extend(rows)
-    if len(placed) > 1:  # numbers of several instances repeat
-        tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
-    arrays: dict[str, Any] = {
-        "points": np.array(points),
-        "node_tags": integers(tags, "numbers of nodes"),
-        "cell_tags": integers(cell_tags, "numbers of elements"),
-    }
-    for name, rows in sets.items():
-        arrays[name] = np.unique(np.array(rows, dtype=np.int64), axis=0)
-    arrays |= kind.thickness([part for part, _, _ in placed])
-    return {"ignored": sorted(file.ignored)}, arrays, cells
+        assembly.add(part, moved, name if len(placed) > 1 else "")
+    arrays = assembly.arrays(are_numbered_again=len(placed) > 1) | kind.thickness([part for part, _, _ in placed])
+    return {"ignored": sorted(file.ignored)}, arrays, assembly.cells
+
+
+class _Assembly:
+    """Nodes, elements and sets of all parts.
+
+    Args:
+        face: number of a face by its name and the number of nodes of its element.
+    """
+
+    def __init__(self, face: Callable[[str, int], int]) -> None:
+        self.cells: list[list[int]] = []
+        self._face = face
+        self._points: list[Any] = []
+        self._tags: list[int] = []
+        self._cell_tags: list[int] = []
+        self._sets: dict[str, list[Any]] = {}
+
+    def add(self, part: Part, moved: Callable[[Any], Any], instance: str) -> None:
+        """Add a part, whose own sets begin with the name of the instance if it has one."""
+        node_row = {tag: len(self._points) + i for i, tag in enumerate(part.nodes)}
+        cell_row = {tag: len(self.cells) + i for i, tag in enumerate(part.elements)}
+        self._points += [moved(position) for position in part.nodes.values()]
+        self._tags += part.nodes
+        self._cell_tags += part.elements
+        self.cells += _cells(part, node_row)
+        for kind, key in part.names:
+            if rows := rows_of_set(part, kind, key, node_row, cell_row, self.cells, self._face):
+                self._sets.setdefault(_name_of_set(part, kind, key, instance), []).extend(rows)
+
+    def arrays(self, *, are_numbered_again: bool) -> dict[str, Any]:
+        """Return the arrays without the cells; numbers of several instances repeat, and become places."""
+        tags, cell_tags = self._tags, self._cell_tags
+        if are_numbered_again:
+            tags, cell_tags = list(range(1, len(tags) + 1)), list(range(1, len(cell_tags) + 1))
+        arrays: dict[str, Any] = {
+            "points": np.array(self._points),
+            "node_tags": integers(tags, "numbers of nodes"),
+            "cell_tags": integers(cell_tags, "numbers of elements"),
+        }
+        return arrays | {n: np.unique(np.array(rows, dtype=np.int64), axis=0) for n, rows in self._sets.items()}
 
 
 def _cells(part: Part, node_row: dict[int, int]) -> list[list[int]]:

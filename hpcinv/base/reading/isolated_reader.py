@@ -173,31 +173,35 @@ def limit(limits: Limits) -> None:
         resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
+def _content(action: str, path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what an action finds in a file; or what is wrong with it, as ``fault``."""
+    try:
+        check_regular(path)
+        return ACTIONS[action](path, limits)
+    except Refused as refused:
+        name = "" if refused.path == path else f"names '{shown(str(refused.path))}', which "
+        fault = [f"{name}{refused.text}", "", False]
+    except Fault as found:
+        fault = [shown(found.text, _LONGEST), found.advice, isinstance(found, PackageMissing)]
+    except ModuleNotFoundError as error:
+        fault = [f"cannot be read: {error}", "Install it by: pip install 'hpcinv[vtk]'", True]
+    except OverflowError:
+        fault = ["has a number of a node or element beyond 64 bits", "Is the file complete?", False]
+    except MemoryError:
+        text = f"reading it takes more than the {limits.memory / 1e9:.1f} GB of memory that are available"
+        fault = [text, "Is the file damaged?", False]
+    except Exception as error:  # libraries raise whatever damaged values cause
+        text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        fault = [f"cannot be read: {shown(text, _LONGEST)}", "Is the file complete?", False]
+    return {"fault": fault}, {}
+
+
 def main(action: str, name: str, memory: str, seconds: str) -> None:
     """Read a file, and write what is in it."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print there
     warnings.simplefilter("ignore")
-    arrays: dict[str, Any] = {}
-    path = Path(name)
-    try:
-        check_regular(path)
-        head, arrays = ACTIONS[action](path, Limits(int(memory), int(seconds)))
-    except Refused as refused:
-        name = "" if refused.path == path else f"names '{shown(str(refused.path))}', which "
-        head = {"fault": [f"{name}{refused.text}", "", False]}
-    except Fault as fault:
-        head = {"fault": [shown(fault.text, _LONGEST), fault.advice, isinstance(fault, PackageMissing)]}
-    except ModuleNotFoundError as error:
-        head = {"fault": [f"cannot be read: {error}", "Install it by: pip install 'hpcinv[vtk]'", True]}
-    except OverflowError:
-        head = {"fault": ["has a number of a node or element beyond 64 bits", "Is the file complete?", False]}
-    except MemoryError:
-        text = f"reading it takes more than the {int(memory) / 1e9:.1f} GB of memory that are available"
-        head = {"fault": [text, "Is the file damaged?", False]}
-    except Exception as error:  # libraries raise whatever damaged values cause
-        text = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-        head = {"fault": [f"cannot be read: {shown(text, _LONGEST)}", "Is the file complete?", False]}
+    head, arrays = _content(action, Path(name), Limits(int(memory), int(seconds)))
     with contextlib.suppress(BrokenPipeError), output:
         arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         shapes = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]

@@ -4,6 +4,7 @@ Solid cells have the opposite orientation of other programs. Source: *MED file f
 *Salome MED documentation*, "Numbering of the connectivity".
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,18 +35,12 @@ def read_med(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         meshes = group_in(file, "ENS_MAA")
         if len(meshes) != 1:
             raise Fault(f"has {len(meshes)} meshes", "Save one mesh in a file.")
-        name = next(iter(meshes))
+        (name,) = meshes
         steps = group_in(meshes, name)
-        if (system := int(steps.attrs.get("REP", 0))) != 0:
-            kind = {1: "cylindrical", 2: "spherical"}.get(system, "unknown")
-            raise Fault(f"its coordinates are {kind} (REP={system})", "Save the mesh in Cartesian coordinates.")
         step = group_in(steps, min(steps, default=""))
         families = group_in(group_in(file, "FAS"), name) if "FAS" in file and name in file["FAS"] else {}
         nodes = group_in(step, "NOE")
-        flat = array_in(nodes, "COO")
-        if flat.ndim != 1 or flat.size % 3:
-            raise Fault("its coordinates are not in three dimensions")
-        points = flat.reshape(3, -1).T
+        points = _points(nodes, int(steps.attrs.get("REP", 0)))
         tags = array_in(nodes, "NUM") if "NUM" in nodes else np.arange(1, len(points) + 1)
         blocks, sets = Blocks(), dict[str, list[int]]()
         names = _names(families, "NOEUD")
@@ -59,37 +54,56 @@ def read_med(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"ignored": ignored}, element_arrays(tags, points, blocks, sets, _KINDS)
 
 
+def _points(nodes: Any, system: int) -> Any:
+    """Return the places of the nodes (n, 3); ``Fault`` in another system of coordinates than 0, the Cartesian one."""
+    if system != 0:
+        kind = {1: "cylindrical", 2: "spherical"}.get(system, "unknown")
+        raise Fault(f"its coordinates are {kind} (REP={system})", "Save the mesh in Cartesian coordinates.")
+    flat = array_in(nodes, "COO")
+    if flat.ndim != 1 or flat.size % 3:
+        raise Fault("its coordinates are not in three dimensions")
+    return flat.reshape(3, -1).T
+
+
 def _read_cells(step: Any, tags: Any, names: dict[int, list[str]], blocks: Blocks, sets: dict[str, list[int]]) -> None:
     kinds = group_in(step, "MAI")
     first = 1
-    for kind in (*_SOLIDS, *_FLAT, *_OTHERS):
+    if other := next((kind for kind in _OTHERS if kind in kinds), None):
+        advice = f"Cells are {_KINDS}; mesh by tetrahedra alone or by hexahedra alone."
+        raise Fault(f"has cells of the kind {other}", advice)
+    for kind, size in (_SOLIDS | _FLAT).items():
         if kind not in kinds:
             continue
-        if kind in _OTHERS:
-            raise Fault(
-                f"has cells of the kind {kind}", f"Cells are {_KINDS}; mesh by tetrahedra alone or by hexahedra alone."
-            )
-        cells, size = group_in(kinds, kind), {**_SOLIDS, **_FLAT}[kind]
-        flat = array_in(cells, "NOD")
-        if flat.ndim != 1 or flat.size % size:
-            raise Fault(f"its cells {kind} do not have {size} nodes each", "Is the file complete?")
-        rows = flat.reshape(size, -1).T
-        if flat.size and not (flat.dtype.kind in "iu" and flat.min() >= 1 and flat.max() <= len(tags)):
-            raise Fault(f"cells {kind} have nodes that are not defined; there are {len(tags):,}", "Is it complete?")
-        own = array_in(cells, "NUM").tolist() if "NUM" in cells else range(first, first + len(rows))
-        family = array_in(cells, "FAM").tolist() if "FAM" in cells else [0] * len(rows)
+        cells = group_in(kinds, kind)
+        rows = _nodes_of_cells(array_in(cells, "NOD"), kind, size, len(tags))
+        own = _listed(cells, "NUM", range(first, first + len(rows)))
+        family = _listed(cells, "FAM", [0] * len(rows))
         if not len(own) == len(family) == len(rows):
             raise Fault(f"cells {kind} and their numbers or families differ in number", "Is the file complete?")
         first += len(rows)
         for tag, member, nodes in zip(own, family, tags[rows - 1].tolist(), strict=True):
             groups = names.get(member, [])
-            if kind in _SOLIDS:
-                blocks.add(tag, [nodes[i] for i in (_COMPLETE if size == 27 else MIRRORED[size])])
-                for group in groups:
-                    sets.setdefault(f"cells:{group}", []).append(tag)
-            else:
+            if kind in _FLAT:
                 for group in groups:
                     blocks.skins.setdefault(group, []).append(vertices_of(nodes))
+                continue
+            blocks.add(tag, [nodes[i] for i in (_COMPLETE if size == 27 else MIRRORED[size])])
+            for group in groups:
+                sets.setdefault(f"cells:{group}", []).append(tag)
+
+
+def _listed(cells: Any, name: str, default: Sequence[int]) -> Sequence[int]:
+    numbers: Sequence[int] = array_in(cells, name).tolist() if name in cells else default
+    return numbers
+
+
+def _nodes_of_cells(flat: Any, kind: str, size: int, count: int) -> Any:
+    """Return the rows of nodes, from 1, of the cells of a kind (m, size)."""
+    if flat.ndim != 1 or flat.size % size:
+        raise Fault(f"its cells {kind} do not have {size} nodes each", "Is the file complete?")
+    if flat.size and not (flat.dtype.kind in "iu" and flat.min() >= 1 and flat.max() <= count):
+        raise Fault(f"cells {kind} have nodes that are not defined; there are {count:,}", "Is it complete?")
+    return flat.reshape(size, -1).T
 
 
 def _names(families: Any, kind: str) -> dict[int, list[str]]:

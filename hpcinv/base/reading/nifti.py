@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from hpcinv.base.reading.door import admitted
-from hpcinv.base.reading.fault import Fault, PackageMissing
+from hpcinv.base.reading.fault import IMAGING, Fault, PackageMissing
 from hpcinv.base.reading.image_headers import opened
 from hpcinv.base.reading.voxel_files import check_memory
 from hpcinv.base.reading.voxels import Floats, VoxelGrid, check_frame
@@ -65,7 +65,7 @@ def read_nifti(path: Path, memory: float) -> VoxelGrid:
         import SimpleITK
     except ImportError:
         text = "images are read by SimpleITK, which is not installed"
-        raise PackageMissing(text, "Install it by: pip install simpleitk mmgpy") from None
+        raise PackageMissing(text, IMAGING) from None
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetImageIO("NiftiImageIO")
@@ -114,7 +114,11 @@ def _check_content(head: bytes, order: str, layout: _Layout, file: IO[bytes], me
         raise Fault(text, _AGAIN)
     check_memory(math.prod(shape), bits // 8, memory)
     _check_axes(head, order, layout)
-    expected, size = int(begin) + math.prod(shape) * bits // 8, len(head)
+    _check_length(file, len(head), int(begin) + math.prod(shape) * bits // 8)
+
+
+def _check_length(file: IO[bytes], size: int, expected: int) -> None:
+    """Check that a file ends where its header says, after ``size`` bytes that were read."""
     while part := file.read(_CHUNK):
         size += len(part)
         if size > expected:

@@ -34,6 +34,23 @@ class Blocks:
         if name:
             self.skins.setdefault(name, []).append(vertices)
 
+    def only_solids(self, kinds: str) -> tuple[list[int], list[Sequence[int]]]:
+        """Return numbers and nodes of the solid elements; ``Fault`` if there are none, or several kinds."""
+        if not self.solids:
+            raise Fault("has no solid elements", f"Elements are {kinds}.")
+        if len(self.solids) > 1:
+            sizes = " and ".join(map(str, sorted(self.solids)))
+            raise Fault(f"has elements of {sizes} nodes", "Use one kind of elements.")
+        (solids,) = self.solids.values()
+        return solids
+
+    def solids_among(self, members: Sequence[int], name: str) -> list[int]:
+        """Return the solid elements of a set; its surface elements become facets of the set."""
+        for number in members:
+            if facet := self.others.get(number):
+                self.skins.setdefault(name, []).append(facet)
+        return [number for number in members if number not in self.others]
+
 
 def vertices_of(nodes: Sequence[int]) -> Sequence[int]:
     """Return the vertices of a surface element whose middle nodes follow them."""
@@ -56,12 +73,7 @@ def element_arrays(node_tags: Any, points: Any, blocks: Blocks, sets: Sets, kind
         raise Fault(f"has {len(tags):,} numbers of nodes and {len(positions):,} positions", "Is the file complete?")
     if (bad := ~np.isfinite(positions).all(axis=1)).any():
         raise Fault(f"node {tags[bad][0]} has a coordinate that is not finite")
-    if not blocks.solids:
-        raise Fault("has no solid elements", f"Elements are {kinds}.")
-    if len(blocks.solids) > 1:
-        sizes = " and ".join(map(str, sorted(blocks.solids)))
-        raise Fault(f"has elements of {sizes} nodes", "Use one kind of elements.")
-    ((numbers, cells),) = blocks.solids.values()
+    numbers, cells = blocks.only_solids(kinds)
     node_rows = _NumberedRows(tags, "node")
     cell_tags = integers(numbers, "numbers of elements")
     cell_rows = _NumberedRows(cell_tags, "element")
@@ -72,20 +84,16 @@ def element_arrays(node_tags: Any, points: Any, blocks: Blocks, sets: Sets, kind
         "cells": node_rows.of(table, lambda row: f"element {cell_tags[row]}"),
         "cell_tags": cell_tags,
     }
-    skins = {name: list(facets) for name, facets in blocks.skins.items()}
     for key, members in sets.items():
         place, _, name = key.partition(":")
         if place == "cells":
-            for number in members:
-                if blocks.others.get(number):
-                    skins.setdefault(name, []).append(blocks.others[number])
-            members = [number for number in members if number not in blocks.others]
+            members = blocks.solids_among(members, name)
         if len(members):
             rows = node_rows if place == "nodes" else cell_rows
             listed = integers(members, f"members of set '{shown(name)}'")
             arrays[key] = np.unique(rows.of(listed[:, None], lambda _, name=name: f"set '{shown(name)}'"))
     size = 3 if table.shape[1] in (4, 10) else 4
-    for name, facets in skins.items():
+    for name, facets in blocks.skins.items():
         if fitting := [facet for facet in facets if len(facet) == size]:
             rows_of_facets = integers(fitting, f"nodes of set '{shown(name)}'")
             arrays[f"skin:{name}"] = node_rows.of(rows_of_facets, lambda _, name=name: f"set '{shown(name)}'")

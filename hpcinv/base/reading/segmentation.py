@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.base.reading.door import admitted
-from hpcinv.base.reading.fault import Fault, PackageMissing
+from hpcinv.base.reading.fault import IMAGING, Fault, PackageMissing
 from hpcinv.base.reading.voxel_files import check_memory
 from hpcinv.base.reading.voxels import Floats, VoxelGrid, check_frame
 
@@ -32,7 +32,7 @@ def read_segmentation(path: Path, memory: float) -> VoxelGrid:
         import pydicom
     except ImportError:
         text = "DICOM segmentations are read by pydicom, which is not installed"
-        raise PackageMissing(text, "Install it by: pip install pydicom") from None
+        raise PackageMissing(text, IMAGING) from None
     try:
         data = pydicom.dcmread(admitted(path))
         kind = str(data.get("SOPClassUID", ""))
@@ -52,13 +52,7 @@ def read_segmentation(path: Path, memory: float) -> VoxelGrid:
 def _grid(data: Any, is_label_map: bool, memory: float) -> VoxelGrid:
     """The voxels, from frames of any segments and slices in any order."""
     rows, columns, count = int(data.Rows), int(data.Columns), int(data.NumberOfFrames)
-    bits = int(data.BitsAllocated)
-    check_memory(rows * columns * count, math.ceil(bits / 8), memory)
-    if not data.file_meta.TransferSyntaxUID.is_encapsulated:
-        size, byte_count = math.ceil(rows * columns * count * bits / 8), len(data.PixelData)
-        if byte_count not in (size, size + size % 2):
-            text = f"has {byte_count:,} bytes of voxels, but its header says {size:,}"
-            raise Fault(text, "Is the file complete?")
+    _check_size(data, rows * columns * count, memory)
     frames = np.asarray(data.pixel_array).reshape(-1, rows, columns)
     if str(data.get("SegmentationType", "")) == "FRACTIONAL":
         frames = frames > 0.5 * float(data.MaximumFractionalValue)
@@ -97,16 +91,31 @@ def _grid(data: Any, is_label_map: bool, memory: float) -> VoxelGrid:
             text = f"has two slices at the same place{f', of the segment {segment}' if segment else ''}"
             raise Fault(text, "Write the segmentation again: positions of its slices are lost.")
         written.add((segment, place))
-        previous = numbers[:, :, place]
-        if overlap := np.count_nonzero((previous > 0) & (flat > 0) & (previous != flat)):
-            first_segment = next(iter(np.unique(previous[(previous > 0) & (flat > 0) & (previous != flat)])))
-            raise Fault(
-                f"the segments {first_segment} and {flat.max()} overlap, by {overlap} voxels in one slice",
-                "Write a segmentation in which each voxel belongs to one segment.",
-            )
-        numbers[:, :, place] = np.where(flat > 0, flat, previous)
+        _lay_over(numbers[:, :, place], flat)
     names = {str(s.SegmentLabel): int(s.SegmentNumber) for s in data.SegmentSequence}
     return VoxelGrid(numbers, np.array([column_spacing, row_spacing, step]), origin, axes, names)
+
+
+def _check_size(data: Any, voxels: int, memory: float) -> None:
+    """Check that voxels fit the memory, and that the file has all of them."""
+    bits = int(data.BitsAllocated)
+    check_memory(voxels, math.ceil(bits / 8), memory)
+    if not data.file_meta.TransferSyntaxUID.is_encapsulated:
+        size, byte_count = math.ceil(voxels * bits / 8), len(data.PixelData)
+        if byte_count not in (size, size + size % 2):
+            text = f"has {byte_count:,} bytes of voxels, but its header says {size:,}"
+            raise Fault(text, "Is the file complete?")
+
+
+def _lay_over(numbers: Any, flat: Any) -> None:
+    """Write the voxels of a segment into a slice; ``Fault`` if they are another segment's."""
+    is_shared = (numbers > 0) & (flat > 0) & (numbers != flat)
+    if overlap := np.count_nonzero(is_shared):
+        raise Fault(
+            f"the segments {numbers[is_shared].min()} and {flat.max()} overlap, by {overlap} voxels in one slice",
+            "Write a segmentation in which each voxel belongs to one segment.",
+        )
+    numbers[:] = np.where(flat > 0, flat, numbers)
 
 
 def _places(heights: Floats, stated: float) -> tuple[float, Any]:

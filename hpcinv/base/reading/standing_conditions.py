@@ -109,22 +109,27 @@ class SingleConditions:
         """
         if not row[0].isdigit() or len(row) < 2:
             return False
-        tag, kind = int(row[0]), row[1]
+        tag = int(row[0])
         if keyword == "BOUNDARY":
             for axis, value in held_axes(row[1:], has_rotations=self._has_rotations).items():
                 self.held.put((axis, tag), step, value, scaled(value))
             return True
         size = fortran_number(row[2] or "0") if len(row) > 2 else 0.0
+        standing, place = self._load(keyword, row[1])
+        if standing is not None:
+            standing.put((tag, place), step, size, scaled(size))
+        return standing is not None
+
+    def _load(self, keyword: str, kind: str) -> tuple[Standing[tuple[int, int]] | None, int]:
+        """Return what a kind of load belongs to, and its component, face or edge."""
         if keyword == "CLOAD" and kind in COMPONENTS:
             place = int(kind) - 1
-            (self.moments if place > 2 else self.forces).put((tag, place % 3), step, size, scaled(size))
-        elif keyword == "DLOAD" and (match := PRESSED.fullmatch(kind)):
-            self.pressed.put((tag, int(match[1] or 0)), step, size, scaled(size))
-        elif keyword == "DLOAD" and (match := EDGE_LOAD.fullmatch(kind)):
-            self.edges.put((tag, int(match[1])), step, size, scaled(size))
-        else:
-            return False
-        return True
+            return (self.moments if place > 2 else self.forces), place % 3
+        if keyword == "DLOAD" and (match := PRESSED.fullmatch(kind)):
+            return self.pressed, int(match[1] or 0)
+        if keyword == "DLOAD" and (match := EDGE_LOAD.fullmatch(kind)):
+            return self.edges, int(match[1])
+        return None, 0
 
 
 def by_axis(held: Standing[tuple[str, int]]) -> dict[str, dict[int, float]]:

@@ -143,16 +143,22 @@ def _check_ply(content: bytes) -> int:
     form, elements = _ply_header(head)
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise Fault(f"has the format '{form[:40]}', which is not one of PLY")
-    named = {element.name: element for element in elements}
-    if not {"x", "y", "z"} <= {*named["vertex"].names} if "vertex" in named else True:
-        raise Fault("has no vertices with x, y and z")
-    if len(named) < len(elements) or min(element.count for element in elements) < 0:
-        raise Fault("has a header that contradicts itself")
+    named = _named_elements(elements)
     if form == "ascii":
         _check_ply_text(body[begin:], elements)
     else:
         _check_ply_bytes(memoryview(body)[begin:], elements, "<" if "little" in form else ">")
     return named["face"].count if "face" in named else 0
+
+
+def _named_elements(elements: list[_Element]) -> dict[str, _Element]:
+    """Return the elements by their names; ``Fault`` if they have no vertices, or contradict themselves."""
+    named = {element.name: element for element in elements}
+    if "vertex" not in named or not {"x", "y", "z"} <= {*named["vertex"].names}:
+        raise Fault("has no vertices with x, y and z")
+    if len(named) < len(elements) or min(element.count for element in elements) < 0:
+        raise Fault("has a header that contradicts itself")
+    return named
 
 
 def _ply_header(head: bytes) -> tuple[str, list[_Element]]:

@@ -28,19 +28,10 @@ def read_surface(path: Path, memory: float) -> dict[str, Any]:
             f"reading it takes about {needed / 1e9:.1f} GB of memory, but {memory / 1e9:.1f} GB are available",
             "Coarsen the surface: triangles below an eighth of the cells' size are not seen.",
         )
-    if suffix_of(path) == ".vtp" and (fault := fault_of_header(path)):
-        raise Fault(f"cannot be read as a surface: {fault}", _FORMATS)
     expected = check_structure(path)
     data = _read(path)
-    if data is None or not data.IsA("vtkDataSet") or not data.GetNumberOfPoints():
-        raise Fault("has no points", _FORMATS)
-    points = _points(data)
-    if not np.isfinite(points).all():
-        raise Fault("has coordinates that are not finite numbers")
-    if abs(points).max() > _FARTHEST:
-        raise Fault(f"has coordinates beyond {_FARTHEST:g}")
-    arrays = {"points": points}
-    _check_cells(data, len(points))
+    arrays = {"points": _checked_points(data)}
+    _check_cells(data, len(arrays["points"]))
     if expected is not None and data.GetNumberOfPolys() != expected:
         raise Fault(f"has {expected:,} polygons, but {data.GetNumberOfPolys():,} can be read", _FORMATS)
     if data.IsA("vtkUnstructuredGrid") and _is_flat(data):
@@ -53,8 +44,22 @@ def read_surface(path: Path, memory: float) -> dict[str, Any]:
     return arrays
 
 
+def _checked_points(data: Any) -> Any:
+    """Return the points of what VTK read (n, 3); ``Fault`` if there are none, or coordinates are not usable."""
+    if data is None or not data.IsA("vtkDataSet") or not data.GetNumberOfPoints():
+        raise Fault("has no points", _FORMATS)
+    points = _points(data)
+    if not np.isfinite(points).all():
+        raise Fault("has coordinates that are not finite numbers")
+    if abs(points).max() > _FARTHEST:
+        raise Fault(f"has coordinates beyond {_FARTHEST:g}")
+    return points
+
+
 def _read(path: Path) -> Any:
     """What VTK reads."""
+    if suffix_of(path) == ".vtp" and (fault := fault_of_header(path)):
+        raise Fault(f"cannot be read as a surface: {fault}", _FORMATS)
     readers = {
         ".stl": "vtkIOGeometry.vtkSTLReader",
         ".obj": "vtkIOGeometry.vtkOBJReader",

@@ -119,16 +119,11 @@ def _unpacked(file: IO[bytes], encoding: str) -> Iterator[bytes]:
         stream: Any = bz2.BZ2Decompressor() if encoding == "bzip2" else zlib.decompressobj(zlib.MAX_WBITS | 32)
         while not stream.eof:
             try:
-                if encoding == "bzip2":
-                    part = stream.decompress(packed, _CHUNK)
-                    packed = b""
-                    needs_more = stream.needs_input
-                else:
-                    part = stream.decompress(packed, _CHUNK)
-                    packed = stream.unconsumed_tail
-                    needs_more = not packed
+                part = stream.decompress(packed, _CHUNK)
             except (OSError, EOFError, zlib.error) as error:
                 raise Fault(f"its compressed voxels are damaged: {error}", "Is the file complete?") from None
+            packed = b"" if encoding == "bzip2" else stream.unconsumed_tail  # which bzip2 keeps
+            needs_more = stream.needs_input if encoding == "bzip2" else not packed
             yield part
             if not stream.eof and needs_more and not (packed := file.read(_CHUNK)) and not part:
                 raise Fault("its compressed voxels end too early", "Is the file complete?")

@@ -83,21 +83,7 @@ def read_vti(path: Path) -> VoxelGrid:
     reader.SetFileName(str(admitted(path)))
     reader.Update()
     image = reader.GetOutput()
-    arrays = [
-        (array.GetName() or "", array, owner)
-        for owner in (image.GetCellData(), image.GetPointData())
-        for i in range(owner.GetNumberOfArrays())
-        if (array := owner.GetArray(i)) is not None and array.GetNumberOfTuples()
-    ]
-    if not arrays:
-        raise Fault("has no voxels with numbers", _FORMATS)
-    if len(arrays) > 1:
-        active = [entry for entry in arrays if entry[2].GetScalars() is entry[1]]
-        if len(active) != 1:
-            names = ", ".join(repr(name) for name, _, _ in arrays)
-            raise Fault(f"has several arrays: {names}", "Write it with the one of the labels only.")
-        arrays = active
-    _, array, owner = arrays[0]
+    array, owner = _array_of_labels(image)
     if (count := array.GetNumberOfComponents()) > 1:
         raise Fault(f"has {count} numbers in each voxel", "Give a segmentation, with one number in each voxel.")
     values = np.asarray(vtk_to_numpy(array))
@@ -111,6 +97,23 @@ def read_vti(path: Path) -> VoxelGrid:
     first = extent[::2] + 0.5 * is_of_cells
     origin = np.array(image.GetOrigin()) + axes @ (first * spacing)
     return VoxelGrid(values.reshape(shape, order="F"), spacing, origin, axes)
+
+
+def _array_of_labels(image: Any) -> tuple[Any, Any]:
+    """Return the only array of an image, or the active one, and the data of points or cells that has it."""
+    arrays = [
+        (array, owner)
+        for owner in (image.GetCellData(), image.GetPointData())
+        for i in range(owner.GetNumberOfArrays())
+        if (array := owner.GetArray(i)) is not None and array.GetNumberOfTuples()
+    ]
+    if not arrays:
+        raise Fault("has no voxels with numbers", _FORMATS)
+    chosen = arrays if len(arrays) == 1 else [entry for entry in arrays if entry[1].GetScalars() is entry[0]]
+    if len(chosen) != 1:
+        names = ", ".join(repr(array.GetName() or "") for array, _ in arrays)
+        raise Fault(f"has several arrays: {names}", "Write it with the one of the labels only.")
+    return chosen[0]
 
 
 def _check_image_header(path: Path) -> None:

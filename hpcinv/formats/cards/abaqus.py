@@ -73,18 +73,24 @@ def read(text: str, name: str | None = None) -> Card:
             materials.setdefault(current, []).append(keyword)
     selected = chosen(materials, name)
     behaviour = materials[selected]
-    for keyword in behaviour:
-        if keyword.name in _OTHER_BEHAVIOUR and not _is_elastic_law(keyword):
-            raise UnknownLaw(f"*{keyword.name} has no counterpart{_REMEDIES.get(keyword.name, '')}")
-    laws = [keyword for keyword in behaviour if keyword.name in _LAWS or _is_elastic_law(keyword)]
-    if len(laws) != 1:
-        count = f"{len(laws)} *HYPERELASTIC" if laws else "neither *HYPERELASTIC nor *ELASTIC"
-        raise CardError(f"has {count}{f' in material {selected}' if selected else ''}")
-    title, law = _CONVERTERS[laws[0].name](laws[0])
+    keyword = _law_in(behaviour, f" in material {selected}" if selected else "")
+    title, law = _CONVERTERS[keyword.name](keyword)
     notes = tuple(
         f"*{k.name} is not part of the law: {_WITHOUT_EFFECT[k.name]}" for k in behaviour if k.name in _WITHOUT_EFFECT
     )
-    return Card(selected, title, Counterpart(law.material, law.fibres, law.definitions, law.notes + notes))
+    return Card(selected, title, replace(law, notes=law.notes + notes))
+
+
+def _law_in(behaviour: Sequence[Keyword], where: str) -> Keyword:
+    """Return the only law among the keywords of a material."""
+    laws = [keyword for keyword in behaviour if keyword.name in _LAWS or _is_elastic_law(keyword)]
+    for keyword in behaviour:
+        if keyword.name in _OTHER_BEHAVIOUR and keyword not in laws:
+            raise UnknownLaw(f"*{keyword.name} has no counterpart{_REMEDIES.get(keyword.name, '')}")
+    if len(laws) != 1:
+        count = f"{len(laws)} *HYPERELASTIC" if laws else "neither *HYPERELASTIC nor *ELASTIC"
+        raise CardError(f"has {count}{where}")
+    return laws[0]
 
 
 def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:

@@ -50,26 +50,27 @@ class Couplings:
         for keyword in file:
             if keyword.name == "RIGID BODY":
                 self._read_rigid_body(keyword, unused)
-            elif keyword.name in ("COUPLING", "KINEMATIC", "DISTRIBUTING"):
-                self._read_coupling(keyword, unused)
+            elif keyword.name == "COUPLING":
+                self._begin_coupling(keyword, unused)
+            elif keyword.name in ("KINEMATIC", "DISTRIBUTING") and self._last is not None:
+                self._end_coupling(keyword, *self._last, unused)
 
-    def _read_coupling(self, keyword: Keyword, unused: list[str]) -> None:
-        """Read a keyword of a coupling; the next one says its kind."""
-        if keyword.name == "COUPLING":
-            node = self._nodes.number(keyword.options.get("REF NODE", ""))
-            surface = keyword.options.get("SURFACE", "")
-            is_along_axes = "ORIENTATION" not in keyword.options
-            self._last = (node, surface) if node is not None and is_along_axes else None
-            if self._last is None:
-                unused.append(f"*COUPLING of {surface}")
-        elif self._last is not None:
-            node, surface = self._last
-            lines = [[entry for entry in line if entry] for line in keyword.lines] or [["1", "3"]]
-            axes = {axis for line in lines if line for axis in held_axes(line)}
-            if keyword.name == "DISTRIBUTING" or axes == set("xyz"):
-                self._by_node[node] = Coupling(surface, SPREAD if keyword.name == "DISTRIBUTING" else "*COUPLING")
-            else:
-                unused.append(f"*COUPLING of {surface} along some axes only")
+    def _begin_coupling(self, keyword: Keyword, unused: list[str]) -> None:
+        """Read node and surface of a coupling; the next keyword says its kind."""
+        node = self._nodes.number(keyword.options.get("REF NODE", ""))
+        surface = keyword.options.get("SURFACE", "")
+        is_along_axes = "ORIENTATION" not in keyword.options
+        self._last = (node, surface) if node is not None and is_along_axes else None
+        if self._last is None:
+            unused.append(f"*COUPLING of {surface}")
+
+    def _end_coupling(self, keyword: Keyword, node: int, surface: str, unused: list[str]) -> None:
+        lines = [[entry for entry in line if entry] for line in keyword.lines] or [["1", "3"]]
+        axes = {axis for line in lines if line for axis in held_axes(line)}
+        if keyword.name == "DISTRIBUTING" or axes == set("xyz"):
+            self._by_node[node] = Coupling(surface, SPREAD if keyword.name == "DISTRIBUTING" else "*COUPLING")
+        else:
+            unused.append(f"*COUPLING of {surface} along some axes only")
 
     def _read_rigid_body(self, keyword: Keyword, unused: list[str]) -> None:
         """Read a set of nodes that moves as a rigid body; CalculiX has its rotations at a node of their own."""
@@ -124,15 +125,22 @@ class _OuterNodes:
         for keyword in file:
             if keyword.name in ("PART", "INSTANCE", "END PART", "END INSTANCE"):
                 is_inside = not keyword.name.startswith("END")
-            elif keyword.name == "NODE" and not is_inside:
-                self._keywords.append(keyword)
-                if name := keyword.options.get("NSET"):
-                    self._sets.setdefault(name.lower(), []).extend(entries[0] for _, entries in keyword.rows[:2])
-            elif keyword.name == "NSET" and not is_inside and not {"INSTANCE", "ELSET"} & keyword.options.keys():
-                members = [entry for _, entries in keyword.rows[:2] for entry in entries if entry]
-                if "GENERATE" in keyword.options and len(set(members[:2])) == 1:
-                    members = members[:1]
-                self._sets.setdefault(keyword.options.get("NSET", "").lower(), []).extend(members)
+            elif not is_inside:
+                self._read(keyword)
+
+    def _read(self, keyword: Keyword) -> None:
+        """Read nodes, or the first members of a set: one with more does not stand for a node."""
+        name, rows = keyword.options.get("NSET", ""), keyword.rows[:2]
+        members: list[str] = []
+        if keyword.name == "NODE":
+            self._keywords.append(keyword)
+            members = [entries[0] for _, entries in rows] if name else []
+        elif keyword.name == "NSET" and not {"INSTANCE", "ELSET"} & keyword.options.keys():
+            members = [entry for _, entries in rows for entry in entries if entry]
+            if "GENERATE" in keyword.options and len(set(members[:2])) == 1:
+                members = members[:1]
+        if members:
+            self._sets.setdefault(name.lower(), []).extend(members)
 
     def number(self, name: str) -> int | None:
         """Return a number, also of the only node of a set; ``None`` if a set has other members."""

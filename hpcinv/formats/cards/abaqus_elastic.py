@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hpcinv.base.reading.abaqus_keywords import Keyword
@@ -18,7 +20,7 @@ _KINDS = {
 }
 _NORMAL = {(0, 0): 0, (0, 1): 1, (1, 1): 2, (0, 2): 3, (1, 2): 4, (2, 2): 5}
 """place of the stiffness of two normal strains"""
-_SHEAR_OF_ANISOTROPIC = (9, 20, 14)  # D1212, D2323, D1313
+_SHEAR_OF_ANISOTROPIC = (9, 14, 20)  # D1212, D1313, D2323
 
 
 def is_isotropic(keyword: Keyword) -> bool:
@@ -53,10 +55,12 @@ def elastic_law(keyword: Keyword) -> tuple[str, Counterpart]:
         stiffness = np.zeros((3, 3))
         for (i, j), place in _NORMAL.items():
             stiffness[i, j] = stiffness[j, i] = constants[place]
-        g12, g13, g23 = constants[6:9]
-        if _KINDS[kind] == "ANISOTROPIC":
-            others = [c for at, c in enumerate(constants[:21]) if at > 5 and at not in _SHEAR_OF_ANISOTROPIC]
-            if any(others):
-                raise UnknownLaw(f"{title} with coupled shears has no counterpart; state an energy by 'law: formula'")
-            g12, g23, g13 = (constants[at] for at in _SHEAR_OF_ANISOTROPIC)
+        g12, g13, g23 = _shears_of_anisotropic(constants, title) if count == 21 else constants[6:9]
     return title, orthotropic(stiffness, (g12, g23, g13), dict.fromkeys(FAMILIES))
+
+
+def _shears_of_anisotropic(constants: Sequence[float], title: str) -> list[float]:
+    """Return the shear moduli G12, G13 and G23 of the 21 constants of an anisotropic law without coupled shears."""
+    if any(c for at, c in enumerate(constants[:21]) if at > 5 and at not in _SHEAR_OF_ANISOTROPIC):
+        raise UnknownLaw(f"{title} with coupled shears has no counterpart; state an energy by 'law: formula'")
+    return [constants[at] for at in _SHEAR_OF_ANISOTROPIC]

@@ -11,7 +11,7 @@ from typing import Any
 
 from hpcinv.base.reading.abaqus_keywords import Keyword
 from hpcinv.base.reading.single_conditions import AXES, force_groups, pressed_groups
-from hpcinv.base.reading.standing_conditions import COMPONENTS, NewConditions, Standing, vectors
+from hpcinv.base.reading.standing_conditions import COMPONENTS, NewConditions, Standing, Value, vectors
 from hpcinv.formats.cards.abaqus_couplings import SPREAD
 from hpcinv.formats.cards.abaqus_file import InputFile
 from hpcinv.formats.cards.abaqus_supports import Supports, motion_of
@@ -66,33 +66,33 @@ class DistributedLoads:
     def add(self) -> None:
         """Add the loads to the deck."""
         self._deck.unused += [f"{name} of single nodes or elements ({n:,})" for name, n in self._not_read.items()]
-        accelerations: dict[str, _Vector] = {}
-        steps: dict[str, set[int]] = {}
+        weights: dict[str, list[tuple[Value, tuple[float, ...]]]] = {}
         for (keyword, name, kind, direction), load in self._loads.values.items():
             if kind == "GRAV" and keyword == "DLOAD" and direction:
-                x, y, z = accelerations.get(name, (0.0, 0.0, 0.0))
-                dx, dy, dz = direction
-                accelerations[name] = x + load.scaled * dx, y + load.scaled * dy, z + load.scaled * dz
-                steps.setdefault(name, set()).add(load.step)
+                weights.setdefault(name, []).append((load, direction))
             elif kind == "CENTRIF" and keyword == "DLOAD" and direction:
                 self._add_rotation(load.scaled, direction, name)
             elif (effect := self._file.elements.pressure(keyword, name, kind, load.scaled)) is not None:
                 self._deck.effects.append(effect)
             else:
                 self._deck.unused.append(f"*{keyword}, {kind} on {name}")
-        for name, several in steps.items():
-            if len(several) > 1:
-                text = f"the end of *DLOAD, GRAV on {name} of step {min(several)}, which a later step has in another"
-                self._deck.unused.append(f"{text} direction: CalculiX adds them, as this job; Abaqus replaces it")
-        weights: dict[_Vector, list[str]] = {}
-        for name, acceleration in accelerations.items():
-            weights.setdefault(acceleration, []).append(name)
-        for acceleration, names in weights.items():
-            components = [Measure(component + 0.0, length=1, time=-2) for component in acceleration]
-            self._add_mass_load({"effect": "gravity", "acceleration": components}, "GRAV", names)
+        self._add_weights(weights)
         self._note_order()
         self._add_single(self._file.single.pressed, "pressed")
         self._add_single(self._file.single.edges, "edge-loaded")
+
+    def _add_weights(self, weights: Mapping[str, Sequence[tuple[Value, tuple[float, ...]]]]) -> None:
+        """Add gravity, whose directions add up on a set; sets of the same acceleration have one effect."""
+        sets: dict[tuple[float, ...], list[str]] = {}
+        for name, loads in weights.items():
+            parts = [[load.scaled * component for component in direction] for load, direction in loads]
+            sets.setdefault(tuple(sum(part) for part in zip(*parts, strict=True)), []).append(name)
+            if len(steps := {load.step for load, _ in loads}) > 1:
+                text = f"the end of *DLOAD, GRAV on {name} of step {min(steps)}, which a later step has in another"
+                self._deck.unused.append(f"{text} direction: CalculiX adds them, as this job; Abaqus replaces it")
+        for acceleration, names in sets.items():
+            components = [Measure(component + 0.0, length=1, time=-2) for component in acceleration]
+            self._add_mass_load({"effect": "gravity", "acceleration": components}, "GRAV", names)
 
     def _note_order(self) -> None:
         """List loads of several steps on faces by several names, which may share faces."""

@@ -91,14 +91,14 @@ def section_of(keyword: Keyword) -> ShellSection:
 
 def _layers(keyword: Keyword, region: str, axes: str) -> tuple[tuple[tuple[str, float], ...], tuple[str, ...]]:
     """Return materials and thicknesses of the layers, 0 where nodes have them, and the names of their axes."""
-    options, title = keyword.options, f"*{keyword.name}"
+    options, title, lines = keyword.options, f"*{keyword.name}", keyword.lines
     if "COMPOSITE" in options:
-        if any(len(line) < 3 for line in keyword.lines) or not keyword.lines:
+        if min(map(len, lines), default=0) < 3:
             raise CardError(f"{title}, COMPOSITE: a layer needs its thickness, integration points and material")
-        layers = tuple((line[2], number(line[0], title)) for line in keyword.lines)
-        return layers, tuple((line[3] if len(line) > 3 else "") or axes for line in keyword.lines)
+        layers = tuple((line[2], number(line[0], title)) for line in lines)
+        return layers, tuple([*line, ""][3] or axes for line in lines)
     if not options.get("MATERIAL"):
         raise UnknownLaw(f"{title} of {region} has stiffnesses instead of MATERIAL=; name its material")
-    text = keyword.lines[0][0] if keyword.lines and keyword.lines[0] else ""
+    text = lines[0][0] if lines else ""
     thickness = 0.0 if "NODAL THICKNESS" in options else number(text, f"{title} of {region}")
     return ((options["MATERIAL"], thickness),), (axes,)

@@ -110,16 +110,13 @@ class Supports:
 
     def _add_support(self, region: str, values: Mapping[str, float], frames: set[TransformAxes | None]) -> None:
         """Add a support by the displacements of its components along the axes of its nodes."""
-        turned = {name[1]: value for name, value in values.items() if len(name) > 1}
+        turns = self._held_turns(region, values)
         values = {axis: value for axis, value in values.items() if len(axis) == 1}
-        if prescribed := [axis for axis, value in turned.items() if value]:
-            self._deck.unused.append(f"rotations of '{region}' about {', '.join(prescribed)}: state a displacement")
-        turns = [axis for axis, value in turned.items() if not value]
         if frames == {None}:
             self._deck.support(region, values, turns)
             return
-        frame = frames.pop() if len(frames) == 1 else None
-        converted = frame.supports(values) if frame else None
+        (frame, *others) = frames
+        converted = frame.supports(values) if frame and not others else None
         if converted is None:
             text = "whose components are along the axes of *TRANSFORM: state it, such as by 'fix: [normal]'"
             self._deck.unused.append(f"support on '{region}', {text}")
@@ -131,23 +128,27 @@ class Supports:
         if normal:
             self._deck.supports.append({"region": region, "fix": ["normal"], "normal": normal})
 
+    def _held_turns(self, region: str, values: Mapping[str, float]) -> list[str]:
+        """Return the axes about which a region does not turn; list those about which it turns."""
+        turned = {name[1]: value for name, value in values.items() if len(name) > 1}
+        if prescribed := [axis for axis, value in turned.items() if value]:
+            self._deck.unused.append(f"rotations of '{region}' about {', '.join(prescribed)}: state a displacement")
+        return [axis for axis, value in turned.items() if not value]
+
     def _add_single(self) -> None:
         """Add the supports of single nodes by the sets that the reader of the mesh makes of them."""
         raw, scaled = by_axis(self._file.single.held), self._file.single.held.values
-        added = dict.fromkeys(raw, 0)
-        references = self._file.couplings.nodes
+        references, missing = self._file.couplings.nodes, sum(map(len, raw.values()))
         for name, values, nodes in held_groups(raw):
             if nodes <= references:
-                for axis in values:
-                    added[axis] += len(nodes)
+                missing -= len(nodes) * len(values)
                 continue
-            sizes = [{scaled[axis, node].scaled for node in nodes - references} for axis in values]
-            if self._file.nodes(name) == nodes and all(len(size) == 1 for size in sizes):
-                turned = dict(zip(values, (next(iter(size)) for size in sizes), strict=True))
+            sizes = {axis: {scaled[axis, node].scaled for node in nodes - references} for axis in values}
+            if self._file.nodes(name) == nodes and all(len(size) == 1 for size in sizes.values()):
+                turned = {axis: size for axis, (size,) in sizes.items()}
                 self._add_support(name, turned, self._file.transforms.frames_of(nodes))
-                for axis in values:
-                    added[axis] += len(nodes)
-        if missing := sum(len(nodes) - added[axis] for axis, nodes in raw.items()):
+                missing -= len(nodes) * len(values)
+        if missing:
             self._deck.unused.append(f"*BOUNDARY of single nodes ({missing:,} components), which change in the steps")
 
 

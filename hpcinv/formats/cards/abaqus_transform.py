@@ -49,22 +49,24 @@ class TransformAxes:
             return dict(zip("xyz", vector.tolist(), strict=True)), []
         displacements: dict[str, float] = {}
         normals: list[Floats] = []
-        for axis, value in zip(axes, held, strict=True):
+        for axis, value in ((axis, value) for axis, value in zip(axes, held, strict=True) if value is not None):
             along = int(np.abs(axis).argmax())
-            if value is None:
-                continue
             if abs(axis[along]) > 1 - _PARALLEL:
                 displacements["xyz"[along]] = value * float(np.sign(axis[along])) + 0.0
             elif value == 0:
                 normals.append(axis)
             else:
                 return None
-        if len(normals) == 2:  # a region has one normal: all that is across a free axis of the coordinates
-            free = np.abs(np.cross(normals[0], normals[1]))
-            if free.max() < 1 - _PARALLEL:
-                return None
-            return dict.fromkeys((name for name, part in zip("xyz", free, strict=True) if part < 0.5), 0.0), []
+        if len(normals) == 2:
+            return _across(np.abs(np.cross(normals[0], normals[1])))
         return displacements, (normals[0] + 0.0).tolist() if normals else []
+
+
+def _across(free: Floats) -> tuple[dict[str, float], list[float]] | None:
+    """Return what holds all that is across a free axis of the coordinates: a region has one normal only."""
+    if free.max() < 1 - _PARALLEL:
+        return None
+    return dict.fromkeys((name for name, part in zip("xyz", free, strict=True) if part < 0.5), 0.0), []
 
 
 class Transforms:

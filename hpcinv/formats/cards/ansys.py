@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from hpcinv.formats.cards.card import (
@@ -43,6 +43,10 @@ class _Table:
     constants: dict[int, float] = field(default_factory=dict)
     temperatures: int = 0
 
+    @property
+    def title(self) -> str:
+        return f"TB,HYPER,,,,{self.option}"
+
 
 @dataclass
 class _Material:
@@ -56,7 +60,10 @@ def read(text: str, name: str | None = None) -> Card:
     Raises:
         CardError: it is damaged, or has no counterpart.
     """
-    materials, unit = _materials(text)
+    reader = _CardReader()
+    for command in _commands(text):
+        reader.read(command)
+    materials = reader.materials
     selected = chosen([known for known, material in materials.items() if material.tables], name)
     material = materials[selected]
     for table in material.tables:
@@ -64,51 +71,68 @@ def read(text: str, name: str | None = None) -> Card:
             raise UnknownLaw(f"TB,{table.label} has no counterpart")
     if len(material.tables) > 1:
         raise CardError(f"material {selected} has several TB,HYPER")
-    table = material.tables[0]
-    title = f"TB,HYPER,,,,{table.option}"
-    if table.temperatures > 1:
-        raise UnknownLaw(f"{title}: parameters that depend on temperature have no counterpart")
-    if table.option not in _OPTIONS:
-        raise UnknownLaw(f"{title} has no counterpart")
-    if table.points and not table.points.isdecimal():
-        raise CardError(f"{title}: the number of terms is not a number: {table.points!r}")
-    default, convert = _OPTIONS[table.option]
-    points = int(table.points or 0) or default
-    constants = [table.constants.get(i, 0.0) for i in range(1, _MOST_CONSTANTS + 1)]
-    law = convert(constants, points)
+    (table,) = material.tables
+    law = _law_of(table)
     notes = tuple(f"MP,{p} was not taken" for p in dict.fromkeys(material.properties))
-    return Card(selected, title, Counterpart(law.material, law.fibres, law.definitions, law.notes + notes), unit)
+    return Card(selected, table.title, replace(law, notes=law.notes + notes), reader.unit)
 
 
-def _materials(text: str) -> tuple[dict[str, _Material], str]:
-    materials: dict[str, _Material] = {}
-    variables: dict[str, str] = {}
-    table: _Table | None = None
-    last, unit = 0, ""
-    for command in _commands(text):
+def _law_of(table: _Table) -> Counterpart:
+    if table.temperatures > 1:
+        raise UnknownLaw(f"{table.title}: parameters that depend on temperature have no counterpart")
+    if table.option not in _OPTIONS:
+        raise UnknownLaw(f"{table.title} has no counterpart")
+    if table.points and not table.points.isdecimal():
+        raise CardError(f"{table.title}: the number of terms is not a number: {table.points!r}")
+    default, convert = _OPTIONS[table.option]
+    constants = [table.constants.get(i, 0.0) for i in range(1, _MOST_CONSTANTS + 1)]
+    return convert(constants, int(table.points or 0) or default)
+
+
+class _CardReader:
+    """Reads the commands in order.
+
+    Attributes:
+        materials: by name.
+        unit: of stress, if the file states its units.
+    """
+
+    def __init__(self) -> None:
+        self.materials: dict[str, _Material] = {}
+        self.unit = ""
+        self._variables: dict[str, str] = {}
+        self._table: _Table | None = None
+        self._last = 0  # place of the last constant
+
+    def read(self, command: str) -> None:
+        """Read a command with its entries."""
         name, *fields = (entry.strip() for entry in command.split(","))
         name = name.upper()
         fields += [""] * 6
         if "=" in name and not fields[0]:
             variable, _, value = name.partition("=")
-            variables[variable.strip()] = value.strip()
+            self._variables[variable.strip()] = value.strip()
         elif name == "/UNITS":
-            unit = _UNITS.get(fields[0].upper(), "")
+            self.unit = _UNITS.get(fields[0].upper(), "")
         elif name == "TB":
-            label = variables.get(fields[1].upper(), fields[1]) or "1"
             option = _BY_LETTERS.get(fields[4].upper()[:4], fields[4].upper())
-            table, last = _Table(fields[0].upper(), fields[3], option), 0
-            materials.setdefault(label, _Material()).tables.append(table)
-        elif name[:4] == "TBTE" and table is not None:
-            table.temperatures += 1
-        elif name[:4] == "TBDA" and table is not None:
-            constants = _constants(fields, variables, last, f"TB,{table.label}: TBDATA")
-            table.constants |= constants
-            last = max(constants, default=last)
+            self._table, self._last = _Table(fields[0].upper(), fields[3], option), 0
+            self._material(fields[1]).tables.append(self._table)
+        elif name.startswith("TB") and self._table is not None:
+            self._read_data(name[:4], fields, self._table)
         elif (entry := property_of(name, fields)) is not None and entry.name in _WITHOUT_EFFECT:
-            label = variables.get(entry.material.upper(), entry.material) or "1"
-            materials.setdefault(label, _Material()).properties.append(entry.name)
-    return materials, unit
+            self._material(entry.material).properties.append(entry.name)
+
+    def _read_data(self, name: str, fields: Sequence[str], table: _Table) -> None:
+        if name == "TBTE":
+            table.temperatures += 1
+        elif name == "TBDA":
+            constants = _constants(fields, self._variables, self._last, f"TB,{table.label}: TBDATA")
+            table.constants |= constants
+            self._last = max(constants, default=self._last)
+
+    def _material(self, label: str) -> _Material:
+        return self.materials.setdefault(self._variables.get(label.upper(), label) or "1", _Material())
 
 
 def _constants(fields: Sequence[str], variables: Mapping[str, str], last: int, place: str) -> dict[int, float]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 from hpcinv.formats.cards.ansys import Property, property_of
 from hpcinv.formats.cards.card import number
@@ -10,8 +11,8 @@ from hpcinv.formats.cards.deck import Deck, isotropic
 from hpcinv.job.body_kinds import SOLID
 
 _AXES = {"UX": "x", "UY": "y", "UZ": "z"}
-_READ = frozenset({"D", "ET", "ETBL", "NBLO", "EBLO", "CMBL", "N", "MP", "MPDA", "TB", "TBDA", "TBTE", "*SET"})
-"""commands that are read, by the first four letters, which are those that Ansys reads"""
+_READ_ELSEWHERE = frozenset({"ET", "ETBL", "NBLO", "CMBL", "N", "TBDA", "TBTE"})
+"""commands on the mesh and on tables of materials, by the first four letters, which are those that Ansys reads"""
 _WITHOUT_EFFECT = frozenset(
     {"/COM", "/PRE", "/NOP", "/GO", "/GOP", "/TIT", "/UNI", "/SOL", "FINI", "/BAT", "/CON", "/WB", "/NOL", "/GOL"}
     | {"*IF", "*END", "*ELS", "NUMO", "DOF", "EXTO", "MPTE", "TOFF", "TREF", "/EOF", "/EXI", "SAVE", "ESEL", "NSEL"}
@@ -22,16 +23,11 @@ _WITHOUT_EFFECT = frozenset(
 
 _ELASTIC = ("EX", "EY", "EZ", "PR", "NU", "G")
 """beginnings of the names of elastic properties"""
-_KNOWN = _READ | _WITHOUT_EFFECT
 
 
 def _is_command(name: str) -> bool:
     """Return whether the first entry of a line is a command, not a number, a format or a definition."""
-    return "=" not in name and _begins_command(name)
-
-
-def _begins_command(name: str) -> bool:
-    return name[:1].isalpha() or (name[:1] in "/*" and name[1:2].isalpha())
+    return "=" not in name and (name[:1].isalpha() or (name[:1] in "/*" and name[1:2].isalpha()))
 
 
 def body_kind(text: str) -> str:
@@ -72,17 +68,27 @@ class _ArchiveReader:
         """Read a line by its command, in upper case."""
         if (entry := property_of(command, entries)) is not None:
             self._read_property(command, entry)
-        elif command == "D" and len(entries) > 2 and entries[0].isdigit():
+        elif reader := self._READERS.get(command[:4]):
+            reader(self, entries)
+        elif _is_command(command) and command[:4] not in _READ_ELSEWHERE | _WITHOUT_EFFECT:
+            self._unused.add(command)
+
+    def _read_support(self, entries: list[str]) -> None:
+        if len(entries) > 2 and entries[0].isdigit():
             for label in _AXES if entries[1].upper() == "ALL" else (entries[1].upper(),):
                 self.nodes.setdefault((label, number(entries[2] or "0", "D")), set()).add(int(entries[0]))
-        elif command == "*SET" and len(entries) > 1:
+
+    def _read_variable(self, entries: list[str]) -> None:
+        if len(entries) > 1:
             self._variables[entries[0].upper()] = entries[1]
-        elif command == "TB" and len(entries) > 1 and entries[0].upper() == "HYPER":
+
+    def _read_table(self, entries: list[str]) -> None:
+        if len(entries) > 1 and entries[0].upper() == "HYPER":
             self.laws.setdefault(self._value(entries[1]) or "1")
-        elif command[:4] == "EBLO" and "SOLID" not in [word.upper() for word in entries]:
+
+    def _read_elements(self, entries: list[str]) -> None:
+        if "SOLID" not in [word.upper() for word in entries]:
             self._unused.add("elements of an EBLOCK that are not solids, such as contacts")
-        elif _is_command(command) and command[:4] not in _KNOWN:
-            self._unused.add(command)
 
     def _value(self, text: str) -> str:
         return self._variables.get(text.upper(), text)
@@ -116,3 +122,10 @@ class _ArchiveReader:
             deck.support(region, components)
         deck.unused += sorted(self._unused)
         return deck
+
+    _READERS: ClassVar[Mapping[str, Callable[[_ArchiveReader, list[str]], None]]] = {
+        "D": _read_support,
+        "*SET": _read_variable,
+        "TB": _read_table,
+        "EBLO": _read_elements,
+    }

@@ -138,18 +138,8 @@ def polynomial(coefficients: Mapping[tuple[int, int], float], compliances: Seque
     first, *others = compliances or [0.0]
     if not first and any(others):
         raise CardError("D1 is 0, as of an incompressible material, but another D is not")
-    c = {powers: Stress(value) for powers, value in coefficients.items()}
-    if not any(others):
-        if used.keys() <= {(1, 0)}:
-            mu = Stress(2 * used.get((1, 0), 0.0))
-            return Counterpart({"law": "isochoric-neo-hookean", "mu": mu, "kappa": bulk_from(first)})
-        if used.keys() <= {(1, 0), (0, 1)}:
-            half = Stress(1 / first) if first else "incompressible"
-            constants = {"c1": c.get((1, 0), Stress(0.0)), "c2": c[0, 1]}
-            return Counterpart({"law": "mooney-rivlin", **constants, "d1": half})
-        if used.keys() <= {(1, 0), (2, 0), (3, 0)} and (1, 0) in used:
-            constants = {f"c{i}": c.get((i, 0), Stress(0.0)) for i in (1, 2, 3)}
-            return Counterpart({"law": "yeoh", **constants, "kappa": bulk_from(first)})
+    if not any(others) and (named := _named_polynomial(used, first)) is not None:
+        return Counterpart(named)
     terms = [f"c{i}{j}{_power('I1_bar - 3', i)}{_power('I2_bar - 3', j)}" for i, j in used]
     parameters = {f"c{i}{j}": Stress(value) for (i, j), value in used.items()}
     for k, compliance in enumerate(others, start=2):
@@ -158,6 +148,19 @@ def polynomial(coefficients: Mapping[tuple[int, int], float], compliances: Seque
             parameters[f"e{k}"] = Stress(1 / compliance)
     energy = {"energy": " + ".join(terms), "parameters": parameters, "kappa": bulk_from(first)}
     return Counterpart({"law": "formula", **energy})
+
+
+def _named_polynomial(used: Mapping[tuple[int, int], float], compliance: float) -> dict[str, Any] | None:
+    """Return the section of a law with these coefficients other than 0; ``None`` if it has no name."""
+    c10, c20, c30, c01 = (Stress(used.get(powers, 0.0)) for powers in ((1, 0), (2, 0), (3, 0), (0, 1)))
+    if used.keys() <= {(1, 0)}:
+        return {"law": "isochoric-neo-hookean", "mu": Stress(2 * c10.value), "kappa": bulk_from(compliance)}
+    if used.keys() <= {(1, 0), (0, 1)}:
+        half = Stress(1 / compliance) if compliance else "incompressible"
+        return {"law": "mooney-rivlin", "c1": c10, "c2": c01, "d1": half}
+    if used.keys() <= {(1, 0), (2, 0), (3, 0)} and (1, 0) in used:
+        return {"law": "yeoh", "c1": c10, "c2": c20, "c3": c30, "kappa": bulk_from(compliance)}
+    return None
 
 
 def _power(base: str, exponent: int) -> str:

@@ -14,7 +14,8 @@ import numpy as np
 from hpcinv.base.quantity.arrays import Floats
 from hpcinv.base.quantity.units import parse_unit
 from hpcinv.base.reading.coordinate_frames import frame_of
-from hpcinv.base.reading.local_fibres import local_name, local_nodes
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.feb_model import local_name, local_nodes, model_of
 from hpcinv.formats.cards.card import (
     MOST_TERMS,
     Card,
@@ -52,12 +53,10 @@ def root_of(text: str) -> ET.Element:
     Raises:
         CardError: it is not XML, or defines entities.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CardError("has definitions of entities, which could fill the memory")
     try:
-        return ET.fromstring(text.encode())
-    except ET.ParseError as error:
-        raise CardError(f"is not XML: {error}") from None
+        return model_of(text.encode())
+    except Fault as fault:
+        raise CardError(fault.text) from None
 
 
 def read(text: str, name: str | None = None) -> Card:
@@ -81,12 +80,7 @@ def read(text: str, name: str | None = None) -> Card:
         notes += ("parameters with load curves have their values at the end",)
     converted = counterpart(law)
     unit = _unit((root.findtext("Module/units") or "").strip())
-    return Card(
-        selected,
-        law.type,
-        Counterpart(converted.material, converted.fibres, converted.definitions, converted.notes + notes),
-        unit,
-    )
+    return Card(selected, law.type, replace(converted, notes=converted.notes + notes), unit)
 
 
 def _has_curve(law: Entry) -> bool:

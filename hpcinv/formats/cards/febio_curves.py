@@ -72,12 +72,17 @@ def curve_value(points: Floats, interpolate: str, extend: str, time: float) -> f
         CardError: the interpolation between its points is not a straight line or a step.
     """
     times, values = points.T
-    is_outside = not times[0] <= time <= times[-1]
     matches = np.flatnonzero(np.isclose(times, time, rtol=1e-9, atol=0))
-    if len(matches) or len(points) == 1 or (is_outside and extend == "CONSTANT"):
-        return float(values[matches[0] if len(matches) else 0 if time < times[0] else -1])
-    if not is_outside and interpolate == "STEP":
+    if len(matches):
+        return float(values[matches[0]])
+    if len(points) == 1:
+        return float(values[0])
+    if not times[0] <= time <= times[-1]:
+        kind = f"beyond {extend}"
+    else:
+        kind = "LINEAR" if interpolate == "SMOOTH" and len(points) == 2 else interpolate
+    if kind == "STEP":
         return float(values[np.searchsorted(times, time)])
-    if not is_outside and (interpolate == "LINEAR" or (interpolate == "SMOOTH" and len(points) == 2)):
+    if kind in ("LINEAR", "beyond CONSTANT"):  # outside, the first or the last value
         return float(np.interp(time, times, values))
     raise CardError(f"a load curve of kind {interpolate}, {extend} is not known at time {time:g}")

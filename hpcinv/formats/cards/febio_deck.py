@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 from hpcinv.formats.cards.card import CardError, UnknownLaw, number
 from hpcinv.formats.cards.deck import Deck, Measure, NodalForces
@@ -131,36 +132,62 @@ class _DeckReader:
         if kind == "fix":
             axes = condition.findtext("dofs") or condition.get("bc") or ""
             return {axis.strip(): 0.0 for axis in axes.split(",") if axis.strip() in tuple("xyz")}
-        if kind in ("prescribed displacement", "prescribe") and not _is_set(condition, "relative"):
-            axis = (condition.findtext("dof") or condition.get("bc") or "").strip()
-            amount = condition.find("value") if condition.find("value") is not None else condition.find("scale")
-            if axis in tuple("xyz") and amount is not None:
-                return {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
-        return {}
+        if kind not in ("prescribed displacement", "prescribe") or _is_set(condition, "relative"):
+            return {}
+        axis, amount = _axis_of(condition), _first(condition, "value", "scale")
+        if axis not in tuple("xyz") or amount is None:
+            return {}
+        return {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
 
     def _read_load(self, load: ET.Element) -> None:
         sides = [words for option, words in _SIDES.items() if _is_set(load, option)]
         kind, region = "".join([load.get("type", ""), *sides]), load.get("surface", "")
-        if kind == "pressure" and (value := self._pressure(load, region)) is not None:
-            key = "dead_pressure" if _is_set(load, "linear") else "pressure"
-            self._deck.effects.append({"effect": "pressure", "region": region, key: value})
-        elif kind == "traction" and region:
-            area_in = "reference" if _is_set(load, "linear") else "current"
-            effect = {"effect": "traction", "region": region, "traction": self._traction(load, region)}
-            self._deck.effects.append(effect | {"area_in": area_in})
-        elif load.tag == "nodal_load" and (nodal := self._nodal_force(load)) is not None:
-            name, of = _region_of(load)
-            forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
-            self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces, of))
-        elif load.tag == "body_load" and not load.get("elem_set") and (force := self._body_force(load)) is not None:
-            self._add_weight(force)
-        else:
+        reader = self._LOADS.get(kind) or self._LOADS.get(f"<{load.tag}>")
+        if reader is None or not reader(self, load, region):
             place = region or load.get("node_set") or load.get("elem_set") or ""
             self._deck.unused.append(f"<{load.tag}> type='{kind}'{f' on {place}' if place else ''}")
 
+    def _add_pressure(self, load: ET.Element, region: str) -> bool:
+        """Add a pressure; return False if it varies in space."""
+        if (value := self._pressure(load, region)) is None:
+            return False
+        key = "dead_pressure" if _is_set(load, "linear") else "pressure"
+        self._deck.effects.append({"effect": "pressure", "region": region, key: value})
+        return True
+
+    def _add_traction(self, load: ET.Element, region: str) -> bool:
+        if not region:
+            return False
+        area_in = "reference" if _is_set(load, "linear") else "current"
+        effect = {"effect": "traction", "region": region, "traction": self._traction(load, region)}
+        self._deck.effects.append(effect | {"area_in": area_in})
+        return True
+
+    def _add_nodal_load(self, load: ET.Element, region: str) -> bool:
+        if (nodal := self._nodal_force(load)) is None:
+            return False
+        name, of = _region_of(load)
+        forces = dict.fromkeys(self._sets.get(name, frozenset()), nodal)
+        self._deck.forces.append(NodalForces(name, f"<nodal_load> on {name}", forces, of))
+        return True
+
+    def _add_body_load(self, load: ET.Element, region: str) -> bool:
+        if load.get("elem_set") or (force := self._body_force(load)) is None:
+            return False
+        self._add_weight(force)
+        return True
+
+    _LOADS: ClassVar[Mapping[str, Callable[[_DeckReader, ET.Element, str], bool]]] = {
+        "pressure": _add_pressure,
+        "traction": _add_traction,
+        "<nodal_load>": _add_nodal_load,
+        "<body_load>": _add_body_load,
+    }
+    """by type or name of the element"""
+
     def _pressure(self, load: ET.Element, region: str) -> Measure | None:
         """Return a pressure; ``None`` if it varies in space."""
-        size = load.find("pressure") if load.find("pressure") is not None else load.find("value")
+        size = _first(load, "pressure", "value")
         if size is None or size.get("type", "const") != "const":
             return None
         factor = self._factor(size, "pressure", region)
@@ -174,8 +201,7 @@ class _DeckReader:
 
     def _nodal_force(self, load: ET.Element) -> tuple[float, float, float] | None:
         """Return the force at each node of a load; ``None`` if it is something else."""
-        axis = (load.findtext("dof") or load.get("bc") or "").strip()
-        size = load.find("scale") if load.find("scale") is not None else load.find("value")
+        axis, size = _axis_of(load), _first(load, "scale", "value")
         if size is None:
             return None
         factor, name = self._factor(size, "nodal_load", load.get("node_set", "")), load.get("node_set", "")
@@ -227,6 +253,15 @@ def _region_of(entry: ET.Element) -> tuple[str, str]:
     prefix = _AS_NODES.match(name)
     of = _KINDS.get(prefix[1], "nodes") if prefix else "nodes" if entry.get("node_set") else "surface"
     return _AS_NODES.sub("", name), of
+
+
+def _axis_of(entry: ET.Element) -> str:
+    return (entry.findtext("dof") or entry.get("bc") or "").strip()
+
+
+def _first(entry: ET.Element, *tags: str) -> ET.Element | None:
+    """Return the element within an entry of the first tag that it has."""
+    return next((item for tag in tags if (item := entry.find(tag)) is not None), None)
 
 
 def _is_set(entry: ET.Element, flag: str) -> bool:

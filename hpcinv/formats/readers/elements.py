@@ -221,42 +221,66 @@ def _surface_nodes(
 
 def _with_sets(source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], elements: Ints) -> MeshSource:
     """Return the mesh with a group for each set and surface; ``elements`` have the order of the file."""
-    vertices = source.cells[:, : vertex_count(source.kind)]
-    table = FacetTable.build(source.kind, vertices)
-    local = np.array(FACES[vertices.shape[1]])
-    groups, sides, thin = list[Group](), dict[str, Ints](), list[str]()
+    sets = _Sets(source, arrays, elements)
     for key, rows in arrays.items():
         place, separator, name = key.partition(":")
         if not separator or place == "values":
             continue
-        if place == "nodes" and (surface := _surface_nodes(name, arrays, elements, local)) is not None:
-            corners = np.intersect1d(rows, vertices)
-            if np.array_equal(corners, np.intersect1d(surface, vertices)):  # the surface is exact
-                continue
-            name = f"{name}{OF_NODES}"
         if place == "cells":
-            groups.append(Group(name, 3, 0, rows))
-            continue
-        if place in ("faces", "facets", "skin"):
-            vertices_of_rows = elements[rows[:, 0, None], local[rows[:, 1]]] if place == "faces" else rows
-            facets = table.find(vertices_of_rows)
-            if place == "skin":
-                facets = facets[facets >= 0]
-            if (facets < 0).any():
-                text = (
-                    f"{(facets < 0).sum():,} of {len(facets):,} facets of surface '{name}' belong to no solid element"
-                )
-                raise MeshError(f"{source.path}: {text}", "Save the surface of the solid elements.")
+            sets.groups.append(Group(name, 3, 0, rows))
+        elif place == "nodes":
+            sets.add_nodes(name, rows)
         else:
-            is_inside = np.zeros(len(source.points), dtype=bool)
-            is_inside[rows] = True
-            facets, cells = facets_and_cells_inside(table, vertices, is_inside)
-            if len(cells) and name not in {group.name for group in groups}:
-                groups.append(Group(name, 3, 0, cells))
-            if not len(cells) and not len(facets):
-                thin.append(name)
+            sets.add_surface(place, name, rows)
+    source = dataclasses.replace(source, groups=distinct_tags(sets.groups), thin_groups=tuple(sets.thin))
+    return add_facets(source, sets.sides)
+
+
+class _Sets:
+    """Groups of cells and facets that sets and surfaces are.
+
+    Attributes:
+        groups: of cells.
+        sides: cell and number of each facet, by the name of the group of facets.
+        thin: names of node sets that have neither all vertices of a facet nor of a cell.
+    """
+
+    def __init__(self, source: MeshSource, arrays: Mapping[str, npt.NDArray[Any]], elements: Ints) -> None:
+        self.groups, self.sides, self.thin = list[Group](), dict[str, Ints](), list[str]()
+        self._source, self._arrays, self._elements = source, arrays, elements
+        self._vertices = source.cells[:, : vertex_count(source.kind)]
+        self._table = FacetTable.build(source.kind, self._vertices)
+        self._local = np.array(FACES[self._vertices.shape[1]])
+
+    def add_surface(self, place: str, name: str, rows: Ints) -> None:
+        """Add a surface by its faces, facets, or surface elements (``skin``), which may be elsewhere."""
+        is_of_faces = place == "faces"
+        facets = self._table.find(self._elements[rows[:, 0, None], self._local[rows[:, 1]]] if is_of_faces else rows)
+        if place == "skin":
+            facets = facets[facets >= 0]
+        if (facets < 0).any():
+            text = f"{(facets < 0).sum():,} of {len(facets):,} facets of surface '{name}' belong to no solid element"
+            raise MeshError(f"{self._source.path}: {text}", "Save the surface of the solid elements.")
+        self._add_facets(name, facets)
+
+    def add_nodes(self, name: str, rows: Ints) -> None:
+        """Add a node set, unless a surface of its name has the same nodes, which is exact."""
+        surface = _surface_nodes(name, self._arrays, self._elements, self._local)
+        if surface is not None:
+            of_set, of_surface = (np.intersect1d(nodes, self._vertices) for nodes in (rows, surface))
+            if np.array_equal(of_set, of_surface):
+                return
+            name = f"{name}{OF_NODES}"
+        is_inside = np.zeros(len(self._source.points), dtype=bool)
+        is_inside[rows] = True
+        facets, cells = facets_and_cells_inside(self._table, self._vertices, is_inside)
+        if len(cells) and name not in {group.name for group in self.groups}:
+            self.groups.append(Group(name, 3, 0, cells))
+        if not len(cells) and not len(facets):
+            self.thin.append(name)
+        self._add_facets(name, facets)
+
+    def _add_facets(self, name: str, facets: Ints) -> None:
         if len(facets):
-            earlier = sides.get(name, np.zeros((0, 2), dtype=np.int64))
-            sides[name] = np.unique(np.concatenate([earlier, table.owners(facets)]), axis=0)
-    source = dataclasses.replace(source, groups=distinct_tags(groups), thin_groups=tuple(thin))
-    return add_facets(source, sides)
+            earlier = self.sides.get(name, np.zeros((0, 2), dtype=np.int64))
+            self.sides[name] = np.unique(np.concatenate([earlier, self._table.owners(facets)]), axis=0)

@@ -25,6 +25,7 @@ _OF_EIGHT = 23
 """VTK's number of quadrilaterals with 8 nodes; their shape functions give the ninth"""
 _OF_ELEMENTS = {3: 5, 6: 22, 4: 9, 8: _OF_EIGHT, 9: 28}
 """VTK's number of an element of Abaqus with the same order of nodes, by their number"""
+_NO_ENDS = np.zeros((0, 2), dtype=np.int64)
 _CENTRE = np.array([-0.25] * 4 + [0.5] * 4)
 """shape functions of 8 nodes at the centre"""
 
@@ -146,21 +147,7 @@ def _check_types(path: Path, names: Mapping[int, str]) -> None:
 
 def _cells(path: Path, arrays: Arrays) -> tuple[list[MeshSource], Arrays, list[Ints]]:
     """Return the cells of each kind, the arrays with nodes of completed quadrilaterals, and the rows of the cells."""
-    types, start = arrays["types"], arrays["offsets"].astype(np.int64)
-    connectivity, sizes = arrays["connectivity"].astype(np.int64), np.diff(start)
-    count = len(arrays["points"])
-    if connectivity.size and not 0 <= connectivity.min() <= connectivity.max() < count:
-        raise MeshError(f"{path}: has cells with nodes that do not exist; it has {count:,} nodes", "Write it again.")
-    found = list[tuple[str, int, Ints, Ints]]()
-    for kind in _KINDS:
-        numbers = (*VTK_TYPES[kind], *((_OF_EIGHT,) if kind == "quadrilateral" else ()))
-        for size in np.unique(sizes[is_kind := np.isin(types, numbers)]).tolist():
-            rows = np.flatnonzero(is_kind & (sizes == size))
-            nodes = connectivity[start[rows][:, None] + np.arange(size)]
-            if kind == "quadrilateral" and size == 8:
-                arrays, nodes = _completed(arrays, nodes)
-            degree = degree_of(path, kind, nodes.shape[1])
-            found.append((kind, degree, rows, nodes[:, vtk_order(kind, degree)]))
+    arrays, found = _found_cells(path, arrays)
     if len({degree for _, degree, _, _ in found}) > 1 or len({kind for kind, *_ in found}) < len(found):
         text = " and ".join(f"{kind}s of {nodes.shape[1]} nodes" for kind, _, _, nodes in found)
         raise MeshError(f"{path}: has {text}", "Save the cells of the shell with one degree and kind of nodes.")
@@ -168,7 +155,7 @@ def _cells(path: Path, arrays: Arrays) -> tuple[list[MeshSource], Arrays, list[I
         raise MeshError(f"{path}: has no triangles or quadrilaterals", "Save the surface of the shell.")
     points = np.asarray(arrays["points"], dtype=np.float64)
     node_tags = tags_of(path, NODE_TAG, arrays.get(f"nodes:{NODE_TAG}"), len(points))
-    cell_tags = tags_of(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(types))
+    cell_tags = tags_of(path, CELL_TAG, arrays.get(f"cells:{CELL_TAG}"), len(arrays["types"]))
     plain = {key: values for key, values in arrays.items() if not key.startswith(f"nodes:{REGION}")}
     parts = [
         MeshSource(
@@ -186,6 +173,26 @@ def _cells(path: Path, arrays: Arrays) -> tuple[list[MeshSource], Arrays, list[I
         for kind, degree, rows, nodes in found
     ]
     return parts, arrays, [rows for _, _, rows, _ in found]
+
+
+def _found_cells(path: Path, arrays: Arrays) -> tuple[Arrays, list[tuple[str, int, Ints, Ints]]]:
+    """Return the arrays with nodes of completed quadrilaterals, and kind, degree, rows and nodes of like cells."""
+    types, start = arrays["types"], arrays["offsets"].astype(np.int64)
+    connectivity, sizes = arrays["connectivity"].astype(np.int64), np.diff(start)
+    count = len(arrays["points"])
+    if connectivity.size and not 0 <= connectivity.min() <= connectivity.max() < count:
+        raise MeshError(f"{path}: has cells with nodes that do not exist; it has {count:,} nodes", "Write it again.")
+    found = []
+    for kind in _KINDS:
+        numbers = (*VTK_TYPES[kind], *((_OF_EIGHT,) if kind == "quadrilateral" else ()))
+        for size in np.unique(sizes[is_kind := np.isin(types, numbers)]).tolist():
+            rows = np.flatnonzero(is_kind & (sizes == size))
+            nodes = connectivity[start[rows][:, None] + np.arange(size)]
+            if kind == "quadrilateral" and size == 8:
+                arrays, nodes = _completed(arrays, nodes)
+            degree = degree_of(path, kind, nodes.shape[1])
+            found.append((kind, degree, rows, nodes[:, vtk_order(kind, degree)]))
+    return arrays, found
 
 
 def _completed(arrays: Arrays, nodes: Ints) -> tuple[Arrays, Ints]:
@@ -210,8 +217,15 @@ def _regions(path: Path, arrays: Arrays, labels: ArrayLabels | None) -> tuple[_M
         place, _, name = key.partition(":")
         if place in marks and name.startswith(REGION):
             marks[place][name.removeprefix(REGION)] = whole_numbers(path, name, values, counts[place]) != 0
-    if labels is None:
-        return marks["cells"], marks["nodes"]
+    if labels is not None:
+        _add_labels(path, arrays, labels, marks, counts)
+    return marks["cells"], marks["nodes"]
+
+
+def _add_labels(
+    path: Path, arrays: Arrays, labels: ArrayLabels, marks: Mapping[str, _Marks], counts: Mapping[str, int]
+) -> None:
+    """Add the regions of an array of integers to the masks on cells or nodes."""
     places = [place for place in ("cells", "nodes") if f"{place}:{labels.array}" in arrays]
     if not places:
         known = ", ".join(sorted(key.partition(":")[2] for key in arrays if key.startswith(("cells:", "nodes:"))))
@@ -226,10 +240,9 @@ def _regions(path: Path, arrays: Arrays, labels: ArrayLabels | None) -> tuple[_M
             raise MeshError(text, f"Its values are {', '.join(map(str, distinct[:12]))}.")
     named = {number for numbers in names.values() for number in numbers}
     names |= {f"{labels.array}-{number}": [number] for number in distinct if number not in named}
+    here = marks[places[0]]
     for name, numbers in names.items():
-        here = marks[places[0]]
         here[name] = np.isin(values, numbers) | here.get(name, np.zeros(len(values), dtype=bool))
-    return marks["cells"], marks["nodes"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -280,25 +293,22 @@ def _with_groups(
     listed = {key.partition(":")[2]: ends for key, ends in arrays.items() if key.startswith("edges:")}
     cells: dict[str, list[Ints]] = {}
     lines, thin = dict[str, Ints](), list[str]()
+    unmarked, outside = (np.zeros(len(arrays[name]), dtype=bool) for name in ("types", "points"))
     for name in dict.fromkeys([*on_cells, *on_nodes, *listed]):
-        chosen = [np.zeros(len(part.cells), dtype=bool) for part in parts]
-        is_edge = np.zeros(len(edges.vertices), dtype=bool)
-        if name in on_cells:
-            chosen = [on_cells[name][here] for here in rows]
-            is_edge[edges.find(path, name, _line_ends(arrays, on_cells[name]))] = True
-        if name in listed:
-            is_edge[edges.find(path, name, listed[name])] = True
-        if name in on_nodes:
-            inside = on_nodes[name]
-            is_edge |= (edges.sharing == 1) & inside[edges.vertices].all(axis=1)
-            for mask, part in zip(chosen, parts, strict=True):
-                mask |= inside[part.cells[:, : vertex_count(part.kind)]].all(axis=1)
-        members = [np.flatnonzero(mask) for mask in chosen]
+        marked, inside = on_cells.get(name, unmarked), on_nodes.get(name, outside)
+        is_edge = (edges.sharing == 1) & inside[edges.vertices].all(axis=1)
+        for ends in (_line_ends(arrays, marked), listed.get(name, _NO_ENDS)):
+            if len(ends):
+                is_edge[edges.find(path, name, ends)] = True
+        members = [
+            np.flatnonzero(marked[here] | inside[part.cells[:, : vertex_count(part.kind)]].all(axis=1))
+            for here, part in zip(rows, parts, strict=True)
+        ]
         if sum(map(len, members)):
             cells[name] = members
         if is_edge.any():
             lines[name] = np.flatnonzero(is_edge)
-        if name not in cells | lines and name in on_nodes and on_nodes[name].any():
+        if name not in cells | lines and inside.any():
             thin.append(name)
     used = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *lines.values()]))
     edge_groups = [Group(name, 2, 0, np.searchsorted(used, members)) for name, members in lines.items()]

@@ -30,7 +30,7 @@ def save_exodus(path: Path, source: MeshSource, points: Floats) -> None:
     used = np.unique(elements)
     row = np.searchsorted(used, elements) + 1
     part, blocks, others = disjoint_parts(source)
-    names = [group.name for group in blocks] + ["unnamed"] * bool((part < 0).any())
+    names = [*(group.name for group in blocks), *["unnamed"] * bool((part < 0).any())]
     part = np.where(part < 0, len(blocks), part)
     order = np.argsort(part, kind="stable")
     place = np.argsort(order) + 1
@@ -40,7 +40,7 @@ def save_exodus(path: Path, source: MeshSource, points: Floats) -> None:
         file.api_version = file.version = _VERSION
         file.floating_point_word_size, file.file_size = np.int32(8), np.int32(1)
         file.title = "Written by hpcinv"
-        longest = max(33, *(len(group.name.encode()) + 1 for group in source.groups)) if source.groups else 33
+        longest = max(33, *(len(group.name.encode()) + 1 for group in source.groups), 0)
         file.createDimension("time_step", None)  # first, since it has no size
         for name, size in (("len_string", 33), ("len_line", _LINE), ("four", 4), ("len_name", longest), ("num_dim", 3)):
             file.createDimension(name, size)
@@ -54,15 +54,13 @@ def save_exodus(path: Path, source: MeshSource, points: Floats) -> None:
             rows = row[part == at][:, inverse]
             variable = _add(file, f"connect{at + 1}", rows, (f"num_el_in_blk{at + 1}", f"num_nod_per_el{at + 1}"))
             variable.elem_type = _NAMES[elements.shape[1]]
-        if surfaces:
-            _add_names(file, "ss", [group.name for group in surfaces], "num_side_sets", longest)
+        _add_names(file, "ss", [group.name for group in surfaces], "num_side_sets", longest)
         sides = np.argsort(SIDES[vertex_count(source.kind)])
         for at, group in enumerate(surfaces, 1):
             pairs = np.array(list(faces_of(source, group, elements)), dtype=np.int64).reshape(-1, 2)
             _add(file, f"elem_ss{at}", place[pairs[:, 0]], (f"num_side_ss{at}",))
             _add(file, f"side_ss{at}", sides[pairs[:, 1]] + 1, (f"num_side_ss{at}",))
-        if others:
-            _add_names(file, "els", [group.name for group in others], "num_elem_sets", longest)
+        _add_names(file, "els", [group.name for group in others], "num_elem_sets", longest)
         for at, group in enumerate(others, 1):
             _add(file, f"elem_els{at}", place[group.members], (f"num_ele_els{at}",))
 
@@ -78,6 +76,8 @@ def _add(file: Any, name: str, values: Any, dimensions: tuple[str, ...]) -> Any:
 
 
 def _add_names(file: Any, prefix: str, names: list[str], dimension: str, longest: int) -> None:
+    if not names:
+        return
     numbers = np.arange(1, len(names) + 1)
     _add(file, f"{prefix}_status", np.ones(len(names), dtype=np.int64), (dimension,))
     _add(file, f"{prefix}_prop1", numbers, (dimension,)).name = "ID"

@@ -71,18 +71,17 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
     parts = source.read_as or (source,)
     tags = parts[0].node_tags  # of the first nodes of the surface
     _check_names(parts[0])
-    cells = [part.cells[:, np.argsort(vtk_order(part.kind, part.degree))] for part in parts]
-    cells = [nodes[:, :8] if nodes.shape[1] == 9 else nodes for nodes in cells]  # without the centre
+    cells = [_nodes_of_shells(part) for part in parts]
     used = np.unique(np.concatenate([nodes.ravel() for nodes in cells]))
     with path.open("w", encoding="utf-8") as file:
         file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
         rows = zip(tags[used].tolist(), points[used].tolist(), strict=True)
         file.writelines(f"{tag}, {x!r}, {y!r}, {z!r}\n" for tag, (x, y, z) in rows)
-        elements = sorted(
-            (tag, _SHELLS[part.kind, part.degree], own)
-            for part, nodes in zip(parts, cells, strict=True)
-            for tag, own in zip(part.cell_tags.tolist(), tags[nodes].tolist(), strict=True)
-        )
+        elements = list[tuple[int, str, list[int]]]()
+        for part, nodes in zip(parts, cells, strict=True):
+            kinds = [_SHELLS[part.kind, part.degree]] * len(nodes)
+            elements += zip(part.cell_tags.tolist(), kinds, tags[nodes].tolist(), strict=True)
+        elements.sort()
         for kind, rows_of_kind in groupby(elements, lambda element: element[1]):
             file.write(f"*ELEMENT, TYPE={kind}\n")
             for tag, _, own in rows_of_kind:
@@ -92,6 +91,12 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
             file.write("*NODAL THICKNESS\n")
             values = thickness.values[used, 0] / (source.unit or 1.0)
             file.writelines(f"{tag}, {t!r}\n" for tag, t in zip(tags[used].tolist(), values.tolist(), strict=True))
+
+
+def _nodes_of_shells(part: MeshSource) -> Ints:
+    """Return the nodes of the elements of a surface, without centres of quadrilaterals."""
+    nodes = part.cells[:, np.argsort(vtk_order(part.kind, part.degree))]
+    return nodes[:, :8] if nodes.shape[1] == 9 else nodes
 
 
 def _sets_of_surface(parts: Sequence[MeshSource], used: Ints) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Segmented images: numbers of labels on a grid of voxels, and where that grid lies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,6 +54,11 @@ class LabelImage:
         return self.origin + points @ self.axes.T
 
 
+def _mask(numbers: Numbers, members: Iterable[int]) -> Booleans:
+    """Return which voxels have one of some numbers, slice by slice to save memory."""
+    return np.array([np.isin(part, list(members)) for part in numbers])
+
+
 def read_labels(
     path: Path,
     labels: Mapping[str, Sequence[int | str]] | None,
@@ -80,23 +85,22 @@ def read_labels(
     surrounding = neighbours or {}
     if labels is None:
         labels = {"body": grid.labels[grid.labels != 0].tolist()}
-    if none := [name for name, members in {**labels, **surrounding}.items() if not members]:
-        text = f"{path}: the region '{none[0]}' has no label; the labels in the image are {described(grid, unit)}"
-        raise MeshError(text, "Name the numbers of its voxels.")
+    for name, given in {**labels, **surrounding}.items():
+        if not given:
+            text = f"{path}: the region '{name}' has no label; the labels in the image are {described(grid, unit)}"
+            raise MeshError(text, "Name the numbers of its voxels.")
     labels, surrounding = _numbered(path, labels, grid.names), _numbered(path, surrounding, grid.names)
     voxels = np.zeros(numbers.shape, dtype=np.int16)
-    for name, members in {**labels, **surrounding}.items():
-        if missing := [number for number in members if number not in grid.labels]:
+    for name, number in ((name, number) for name, members in {**labels, **surrounding}.items() for number in members):
+        if number not in grid.labels:
             raise MeshError(
-                f"{path}: no voxel has the label {missing[0]} ('{name}'); the labels in it are {described(grid, unit)}",
+                f"{path}: no voxel has the label {number} ('{name}'); the labels in it are {described(grid, unit)}",
                 "Correct 'labels' in the job's section 'mesh'.",
             )
     for index, members in enumerate(labels.values(), start=1):
         for part, labelled in zip(numbers, voxels, strict=True):
             labelled[np.isin(part, list(members))] = index
-    masks = {
-        name: np.array([np.isin(part, list(members)) for part in numbers]) for name, members in surrounding.items()
-    }
+    masks = {name: _mask(numbers, members) for name, members in surrounding.items()}
     turn = frame_of(orientation)
     frame = f" in {orientation} (x, y, z to {', '.join(_ENDS[letter] for letter in orientation)})"
     origin, axes = turn @ grid.origin * unit, turn @ grid.axes

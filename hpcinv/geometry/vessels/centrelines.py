@@ -35,28 +35,35 @@ def read_centrelines(path: Path, unit: float) -> list[Floats]:
     except ValueError as error:
         raise MeshError(f"{path}: {error}", _ADVICE) from None
     for row in below_titles(rows, (4, 5)):
-        if len(row.entries) not in (4, 5):
-            raise MeshError(f"{path}: line {row.line}: has {len(row.entries)} entries, not 4 or 5", _ADVICE)
         try:
-            numbers = [row.number(column) * unit for column in range(4)]
+            numbers = _point_of(row, unit)
         except ValueError as error:
             raise MeshError(f"{path}: line {row.line}: {error}", _ADVICE) from None
-        if not np.isfinite(numbers).all() or numbers[3] <= 0:
-            raise MeshError(f"{path}: line {row.line}: the radius must be above 0 and all numbers finite", _ADVICE)
         branches.setdefault(row.entries[4] if len(row.entries) == 5 else "", []).append(numbers)
     if not branches:
         raise MeshError(f"{path}: has no points", _ADVICE)
-    tubes = []
-    for name, points in branches.items():
-        tube = np.array(points)
-        tube = tube[np.concatenate([[True], np.any(np.diff(tube[:, :3], axis=0) != 0, axis=1)])]
-        if len(tube) < 2:
-            raise MeshError(f"{path}: the branch '{name}' has fewer than two distinct points", _ADVICE)
-        length = float(np.linalg.norm(np.diff(tube[:, :3], axis=0), axis=1).sum())
-        if not length < _LONGEST * tube[:, 3].min():
-            raise _too_long(path, length, float(tube[:, 3].min()))
-        tubes.append(tube)
-    return tubes
+    return [_tube(path, name, np.array(points)) for name, points in branches.items()]
+
+
+def _point_of(row: Row, unit: float) -> list[float]:
+    """Return a point and its radius in m; ``ValueError`` if the row has other entries."""
+    if len(row.entries) not in (4, 5):
+        raise ValueError(f"has {len(row.entries)} entries, not 4 or 5")
+    numbers = [row.number(column) * unit for column in range(4)]
+    if not np.isfinite(numbers).all() or numbers[3] <= 0:
+        raise ValueError("the radius must be above 0 and all numbers finite")
+    return numbers
+
+
+def _tube(path: Path, name: str, points: Floats) -> Floats:
+    """Return the distinct points of a branch; ``MeshError`` if it is a point, or too long."""
+    tube: Floats = points[np.concatenate([[True], np.any(np.diff(points[:, :3], axis=0) != 0, axis=1)])]
+    if len(tube) < 2:
+        raise MeshError(f"{path}: the branch '{name}' has fewer than two distinct points", _ADVICE)
+    length = float(np.linalg.norm(np.diff(tube[:, :3], axis=0), axis=1).sum())
+    if not length < _LONGEST * tube[:, 3].min():
+        raise _too_long(path, length, float(tube[:, 3].min()))
+    return tube
 
 
 def surface_of_tubes(

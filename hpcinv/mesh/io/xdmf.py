@@ -22,16 +22,20 @@ MOST_COMPRESSED = 1100  # largest ratio of compression; zlib reaches 1032
 PLACES: dict[str, Place] = {"Node": "nodes", "Cell": "cells"}
 
 
+def _root(path: Path) -> ET.Element:
+    try:
+        return root_of(path)
+    except ValueError as exc:
+        raise MeshError(f"{path}: is not valid XML: {exc}", "Is it a complete .xdmf file?") from exc
+
+
 def read_xdmf(path: Path) -> MeshSource:
     """Read the first mesh of the file; tags NAME with a value V become the physical group ``NAME-V``.
 
     Tags are the first attribute on the cells of a grid; in the grid of the mesh, the first attribute of integers. Other
     attributes of the mesh, and functions on it, are data; functions of time at their last time.
     """
-    try:
-        root = root_of(path)
-    except ValueError as exc:
-        raise MeshError(f"{path}: is not valid XML: {exc}", "Is it a complete .xdmf file?") from exc
+    root = _root(path)
     grids = mesh_grids(root)
     mesh = next((g for g in grids if g.find("Geometry/DataItem") is not None), None)
     if mesh is None:
@@ -40,7 +44,8 @@ def read_xdmf(path: Path) -> MeshSource:
     degree = degree_of(path, kind, cells.shape[1])
     facets = [no_cells(FACET_KIND[kind], degree)]
     groups: list[Group] = []
-    whole = next((a for a in mesh.findall("Attribute[@Center='Cell']") if _is_tags(path, a, len(cells))), None)
+    marked = [a for a in mesh.findall("Attribute[@Center='Cell']") if _is_tags(path, a, len(cells))]
+    whole = marked[0] if marked else None
     for grid in grids:
         marker = whole if grid is mesh else grid.find("Attribute[@Center='Cell']")
         values = None if marker is None else marker.find("DataItem")
@@ -58,8 +63,8 @@ def read_xdmf(path: Path) -> MeshSource:
         else:
             rows = np.arange(len(entities)) + sum(map(len, facets))
             facets.append(entities)
-        for value in np.unique(tags):
-            groups.append(Group(f"{name}-{int(value)}", dim, len(groups) + 1, rows[tags == value]))
+        for number, value in enumerate(np.unique(tags), len(groups) + 1):
+            groups.append(Group(f"{name}-{int(value)}", dim, number, rows[tags == value]))
     cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
     grids = [mesh, *(g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None)]
     return MeshSource(
@@ -159,20 +164,23 @@ def _data(path: Path, item: ET.Element | None) -> npt.NDArray[np.generic]:
     if not is_file(file_of):
         raise MeshError(f"{path}: there is no file '{file_of}'", "Keep the .h5 file next to the .xdmf file.")
     try:
-        import h5py  # here, since few runs need it
-
-        with h5py.File(admitted(file_of, path)) as file:
-            stored = file[dataset]
-            if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "iuf":
-                raise MeshError(f"{path}: {text[:80]} is not an array of numbers", "Write the mesh again.")
-            if stored.size * stored.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
-                raise MeshError(
-                    f"{path}: {text[:80]} has a shape that is too large for the file", "Write the mesh again."
-                )
-            return np.asarray(stored)
+        return _stored(path, file_of, dataset, text[:80])
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as exc:
         reason = str(exc).partition(", flags =")[0]
         raise MeshError(f"{path}: {text[:80]} cannot be read: {reason}", "Is the .h5 file complete?") from exc
+
+
+def _stored(path: Path, file_of: Path, dataset: str, named: str) -> npt.NDArray[np.generic]:
+    """Return the array of an HDF5 file that a data item names."""
+    import h5py  # here, since few runs need it
+
+    with h5py.File(admitted(file_of, path)) as file:
+        stored = file[dataset]
+        if not isinstance(stored, h5py.Dataset) or stored.dtype.kind not in "iuf":
+            raise MeshError(f"{path}: {named} is not an array of numbers", "Write the mesh again.")
+        if stored.size * stored.dtype.itemsize > MOST_COMPRESSED * file_of.stat().st_size:
+            raise MeshError(f"{path}: {named} has a shape that is too large for the file", "Write the mesh again.")
+        return np.asarray(stored)
 
 
 def _inline(path: Path, item: ET.Element, text: str) -> npt.NDArray[np.generic]:

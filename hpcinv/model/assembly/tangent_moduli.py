@@ -89,11 +89,10 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
         integral.metadata() != quadrature_metadata(kind, degree) for integral in integrals
     ):
         raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
-    common = [integral.integrand() for integral in integrals if integral.subdomain_id() in ("everywhere", "otherwise")]
-    regions: dict[int, list[Any]] = {}
+    regions: dict[Any, list[Any]] = {}
     for integral in integrals:
-        if integral.subdomain_id() not in ("everywhere", "otherwise"):
-            regions.setdefault(integral.subdomain_id(), []).append(integral.integrand())
+        regions.setdefault(integral.subdomain_id(), []).append(integral.integrand())
+    common = regions.pop("everywhere", []) + regions.pop("otherwise", [])
     if not regions:
         return degree, [VolumePart(None, sum(common[1:], common[0]))]
     if not all(isinstance(number, int) for number in regions):

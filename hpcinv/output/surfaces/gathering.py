@@ -10,6 +10,7 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
 from hpcinv.mesh.crossing_facets import find_overlap
+from hpcinv.mesh.regions import Region
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import Surface, Triangles, gather_surface
 from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
@@ -19,6 +20,14 @@ from hpcinv.results.solution import Solution
 from hpcinv.trust.certificate import Estimate
 
 _SIDES = 2  # parts of each side of a curved facet
+
+
+def _in_regions(regions: Mapping[str, Region], facets: LocalIndices, cells: LocalIndices) -> dict[str, Floats]:
+    """Return by ``region:NAME`` whether facets, or the cells behind them, are in a region (n, 1)."""
+    return {
+        f"region:{name}": (np.isin(facets, region.facets) | np.isin(cells, region.cells)).astype(float)[:, None]
+        for name, region in regions.items()
+    }
 
 
 def boundary_of(
@@ -44,11 +53,7 @@ def boundary_of(
     widths = dict[str, int]()  # numbers of each field in a cell
 
     def evaluate(facets: LocalIndices, cells: LocalIndices, middles: Floats) -> Floats:
-        columns = {
-            f"region:{name}": (np.isin(facets, region.facets) | np.isin(cells, region.cells)).astype(float)[:, None]
-            for name, region in regions.items()
-        }
-        columns |= _fields(body, solutions, families, cells, middles)
+        columns = _in_regions(regions, facets, cells) | _fields(body, solutions, families, cells, middles)
         if estimate:
             columns["error"] = error_in(body, solutions[0], estimate, cells)[:, None]
         widths.update({name: values.shape[1] for name, values in columns.items()})
@@ -67,19 +72,18 @@ def boundary_of(
     results = []
     for i, (mesh, solution, surface) in enumerate(zip(meshes[: len(solutions)], solutions, others, strict=True)):
         assert surface is not None  # on rank 0
-        crossing = np.zeros(len(cut.corners), dtype=bool)
-        if solution.state in overlapping:
-            crossing = np.isin(cut.facet, list(find_overlap(surface).facets))
+        crossed = find_overlap(surface).facets if solution.state in overlapping else ()
+        J, stress, stretches = (values_by_name[f"{field} {i}"] for field in ("J", "stress", "stretches"))
         results.append(
             BoundaryResult(
                 solution.state,
                 solution.direction,
                 mesh,
                 cut_of(surface).points,
-                J=values_by_name[f"J {i}"][:, 0],
-                stress=values_by_name[f"stress {i}"],
-                stretches=values_by_name[f"stretches {i}"],
-                crossing=crossing,
+                J=J[:, 0],
+                stress=stress,
+                stretches=stretches,
+                crossing=np.isin(cut.facet, list(crossed)),
                 fibres={name: values_by_name[f"fibre {i}:{name}"] for name in families},
             )
         )

@@ -18,6 +18,14 @@ def outcome_of(*, converged: bool, verdict: str) -> str:
     return "doubtful" if verdict in ("warning", "not decided") else "good"
 
 
+def _entry(value: Any) -> Any:
+    return str(value).lower() if isinstance(value, bool) else json_data(value)
+
+
+def _pictures(named: Sequence[tuple[str, bytes]]) -> list[dict[str, str]]:
+    return [{"title": name, "source": as_url(png)} for name, png in named]
+
+
 def cases_page(
     *,
     title: str,
@@ -50,8 +58,7 @@ def cases_page(
     """
     names = [name for name, values in columns.items() if any(v not in (None, "") for v in values)]
     shown = [_column(name, units.get(name, ""), columns[name]) for name in names]
-    table = zip(*(columns[name] for name in names), strict=True)
-    rows = [[str(v).lower() if isinstance(v, bool) else json_data(v) for v in row] for row in table]
+    rows = [list(map(_entry, row)) for row in zip(*(columns[name] for name in names), strict=True)]
     axes = [names.index(name) for name in [*parameters, *results] if name in names][:_AXES]
     numbers = [name for name in results if name in names] or names[-1:]
     return render(
@@ -64,11 +71,11 @@ def cases_page(
         rows=rows,
         links=links or [""] * len(rows),
         example=f"{numbers[0]} > 0.1" if numbers else "seconds > 2",
-        diagrams=[{"title": name, "source": as_url(png)} for name, png in diagrams],
+        diagrams=_pictures(diagrams),
         data={"columns": shown, "rows": rows, "outcome": list(outcome), "axes": axes},
         body=body,
         arrays=arrays,
-        gallery=[{"title": name, "source": as_url(png)} for name, png in gallery],
+        gallery=_pictures(gallery),
         gallery_note=gallery_note,
         size="",
         picture="",

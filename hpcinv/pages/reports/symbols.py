@@ -29,24 +29,23 @@ def symbols(
         units: by SI unit the symbol of the unit in which values are shown.
     """
     drawn = []
-    for support in state.get("supports") or job.get("supports") or ():
-        moved = support.get("displacement")
-        fixed = support.get("fix") or [
-            axis for axis, component in zip("xyz", moved or (), strict=False) if component is not None
-        ]
-        label = f"support {support['region']}: {'moves ' if moved else 'holds '}{', '.join(fixed)}"
-        rows = boundary.spread(support["region"], _EACH).tolist()
-        drawn.append({"kind": "support", "label": label, "rows": rows, "fixed": fixed})
+    drawn = [_support(support, boundary) for support in state.get("supports") or job.get("supports") or ()]
     for effect in state.get("effects") or job.get("effects") or ():
         load = _load(effect, boundary, units or {})
         if effect["effect"] == "pressure" and not effect.get("pressure"):
-            load["label"] += "".join(
-                f": found, in cavity {name}"
-                for name, cavity in (job.get("cavities") or {}).items()
-                if effect["region"] in _surfaces(cavity)
-            )
+            cavities = job.get("cavities") or {}
+            names = [name for name, cavity in cavities.items() if effect["region"] in _surfaces(cavity)]
+            load["label"] += "".join(f": found, in cavity {name}" for name in names)
         drawn.append(load)
     return drawn
+
+
+def _support(support: Mapping[str, Any], boundary: Boundary) -> dict[str, Any]:
+    moved = support.get("displacement")
+    fixed = support.get("fix") or [axis for axis, part in zip("xyz", moved or (), strict=False) if part is not None]
+    label = f"support {support['region']}: {'moves ' if moved else 'holds '}{', '.join(fixed)}"
+    rows = boundary.spread(support["region"], _EACH).tolist()
+    return {"kind": "support", "label": label, "rows": rows, "fixed": fixed}
 
 
 def _surfaces(cavity: Mapping[str, Any]) -> list[str]:

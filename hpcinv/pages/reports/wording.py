@@ -1,7 +1,7 @@
 """Sentences on the result of a run, its certainty and the next step."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,22 @@ class Words:
     next: Sequence[str]
 
 
+def _open_lines(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the certificate that were checked and do not pass, with their remedies."""
+    for line in lines:
+        if line["verdict"] not in ("pass", "not checked"):
+            parts = [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), line.get("remedy")]
+            yield " ".join(filter(None, parts))
+
+
+def _remedy(error: ShapeError | None, verdict: str) -> Iterator[str]:
+    """Yield what makes the error of the shape smaller, where its largest cause is known."""
+    if error is None or (error.cause == "surface" and "mesh" not in error.causes):
+        return  # without the mesh's error it is not known which is larger
+    if verdict == "warning" or (verdict == "pass" and error.cause != "mesh"):
+        yield REMEDIES[error.cause]
+
+
 def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") -> Words:
     """Return the verdict on a run in plain words.
 
@@ -43,19 +59,8 @@ def words(summary: Mapping[str, Any], *, overlapping: bool, strained: str = "") 
     sure = _counted(certificate["lines"])
     if verdict != "fail":  # an estimate supposes that there is such a body
         sure += _accuracy(summary, error)
-    sure += [
-        " ".join(filter(None, [f"{_named(line)}: {line['verdict']}.", _sentence(line["note"]), line.get("remedy")]))
-        for line in certificate["lines"]
-        if line["verdict"] not in ("pass", "not checked")
-    ]
-    advice = [_NEXT[verdict]]
-    # Without the mesh's error it is not known which is larger.
-    if (
-        error is not None
-        and (error.cause != "surface" or "mesh" in error.causes)
-        and (verdict == "warning" or (verdict == "pass" and error.cause != "mesh"))
-    ):
-        advice.append(REMEDIES[error.cause])
+    sure += _open_lines(certificate["lines"])
+    advice = [_NEXT[verdict], *_remedy(error, verdict)]
     if overlapping:
         advice.append("The facets where the body passes through itself are red in the picture.")
     advice += [_sentence(text) for text in warnings]
@@ -117,21 +122,24 @@ def _accuracy(summary: Mapping[str, Any], error: ShapeError | None) -> list[str]
     return [head[error.cause], *less, *unknown, *doubt]
 
 
+def _place_of_end(line: Mapping[str, Any]) -> str:
+    """Return how far a run came by the first line of its certificate; empty if that is not known."""
+    state_text = f" of state '{line['state']}'" if line.get("state") else ""
+    if line["name"] == "position residual":
+        return f"The search{state_text} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
+    if line["value"] == 0:
+        return f"No load step{state_text} was accepted; the picture shows the body without load."
+    if line["value"] is not None:
+        return f"It carries {100 * line['value']:.4g} % of the load{state_text}; the picture shows the body there."
+    is_saved = line["name"] == "certificate"
+    return "The solution under the full load was found and is saved; it was not checked." if is_saved else ""
+
+
 def _unfinished(summary: Mapping[str, Any], strained: str) -> Words:
     lines, status = summary["certificate"]["lines"], summary["status"]
     stopped = status.startswith("stopped by")
     line: Mapping[str, Any] = lines[0] if lines else {"name": "load factor", "value": None, "unit": ""}
-    state_text = f" of state '{line['state']}'" if line.get("state") else ""
-    if line["name"] == "position residual":
-        where = f"The search{state_text} ended {readable(float(line['value'] or 0.0), 'm')} from the given shape."
-    elif line["value"] == 0:
-        where = f"No load step{state_text} was accepted; the picture shows the body without load."
-    elif line["value"] is not None:
-        where = f"It carries {100 * line['value']:.4g} % of the load{state_text}; the picture shows the body there."
-    elif line["name"] == "certificate":
-        where = "The solution under the full load was found and is saved; it was not checked."
-    else:
-        where = ""
+    where = _place_of_end(line)
     advice = [_sentence(part) for part in [summary.get("advice") or ""] if part]
     if stopped:
         return Words(

@@ -23,6 +23,10 @@ KINDS = (*LISTS, *SAMPLES, "branches")
 type Sample = Mapping[JobKey, Annotated[Distribution, PlainValidator(read_distribution)]]
 
 
+def _are_titles(columns: object) -> bool:
+    return isinstance(columns, Mapping) and all(isinstance(title, str) for title in columns.values())
+
+
 class Branch(Spec):
     """One of several alternatives, with its values and its axes."""
 
@@ -87,9 +91,7 @@ class Axis(Spec):
         if applies(info) and (fault := path_fault(directory, data["table"])):
             raise Problems((("table",), f"'{data['table']}' {fault}"))
         columns = data.get("columns")
-        if columns is not None and not (
-            isinstance(columns, Mapping) and all(isinstance(t, str) for t in columns.values())
-        ):
+        if columns is not None and not _are_titles(columns):
             raise Problems((("columns",), "must be titles of columns by key, such as {material.c1: C1}"))
         try:
             content = axis_of(directory / data["table"], own.get("name", "branch"), columns)

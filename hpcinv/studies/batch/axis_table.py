@@ -22,6 +22,10 @@ _TITLE = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]\d]*)\]|\(([^()]*)\))?\s*", re.DOTA
 _INTEGER = re.compile(r"[+-]?\d+")
 
 
+def _branch(point: Mapping[str, Any]) -> dict[str, Any]:
+    return {"axes": [{"zip": {key: [value] for key, value in point.items()}}]}
+
+
 def axis_of(path: Path, name: str, columns: Mapping[str, str] | None) -> dict[str, Any]:
     """Return the content of an axis: lists of values by key, or branches if a column names the points.
 
@@ -41,22 +45,18 @@ def axis_of(path: Path, name: str, columns: Mapping[str, str] | None) -> dict[st
         units, data = data[0].entries, data[1:]
     if not data:
         raise ValueError("has no rows below the names of its columns")
-    points: list[dict[str, Any]] = []
-    names: list[str] = []
     for row in data:
         if max([*keys, labels or 0]) >= len(row.entries):
             raise ValueError(
                 f"line {row.line}: has {len(row.entries)} entries, but there are {len(titles.entries)} columns"
             )
-        points.append({key: _value(row, i, unit or _bare(units, i)) for i, (key, unit) in keys.items()})
-        if labels is not None:
-            names.append(_label(row, labels, names))
+    points = [{key: _value(row, i, unit or _bare(units, i)) for i, (key, unit) in keys.items()} for row in data]
     if labels is None:
         return {"zip": {key: [point[key] for point in points] for key in points[0]}}
-    branches = {
-        label: {"axes": [{"zip": {key: [value] for key, value in point.items()}}]}
-        for label, point in zip(names, points, strict=True)
-    }
+    names: list[str] = []
+    for row in data:
+        names.append(_label(row, labels, names))
+    branches = {label: _branch(point) for label, point in zip(names, points, strict=True)}
     return {"branches": branches, "name": name}
 
 
@@ -107,16 +107,22 @@ def _is_key(name: str) -> bool:
         return False
 
 
+def _check_titles(titles: Row, name: str) -> None:
+    """Raise ``ValueError`` for a title that is neither a key of the job nor the name of the labels."""
+    for title in titles.entries:
+        text, _ = _split(title)
+        if title and text != name and not _is_key(text):
+            raise ValueError(
+                f"line {titles.line}: the column '{title}' is not a key of the job;"
+                f" give 'columns' by key, or 'name: {text}' if it has the labels of the points"
+            )
+
+
 def _keys(titles: Row, name: str, columns: Mapping[str, str] | None) -> dict[int, tuple[str, str]]:
     """Return key and unit by the index of a column."""
     split = [_split(title) for title in titles.entries]
     if columns is None:
-        for title, (text, _) in zip(titles.entries, split, strict=True):
-            if title and text != name and not _is_key(text):
-                raise ValueError(
-                    f"line {titles.line}: the column '{title}' is not a key of the job;"
-                    f" give 'columns' by key, or 'name: {text}' if it has the labels of the points"
-                )
+        _check_titles(titles, name)
         return {i: (text, unit) for i, (text, unit) in enumerate(split) if text and text != name}
     keys: dict[int, tuple[str, str]] = {}
     for key, title in columns.items():

@@ -71,16 +71,17 @@ def read_distribution(given: object) -> Distribution:
     kind: Any = "uniform"
     values: Any = given
     if isinstance(given, Mapping) and len(given) == 1:
-        kind, values = next(iter(given.items()))
+        ((kind, values),) = given.items()
     if kind not in _EXAMPLES:
         raise ValueError(f"there is no distribution {shown(kind)}.{did_you_mean(str(kind), _EXAMPLES)}")
     if not isinstance(values, list | tuple) or len(values) != 2:
         what = "mean and standard deviation" if kind == "normal" else "the two ends of a range"
         raise ValueError(f"must be {what}, such as {_EXAMPLES[kind]}, not {shown(values)}")
     first, second, dimension = _same_dimension(values)
-    if kind == "normal" and not second > 0:
-        raise ValueError(f"must have a standard deviation above 0, not {values[1]}")
-    if kind != "normal" and not first < second:
+    if kind == "normal":
+        if not second > 0:
+            raise ValueError(f"must have a standard deviation above 0, not {values[1]}")
+    elif not first < second:
         raise ValueError(f"must begin below its end, not {values[0]} and {values[1]}")
     if kind == "log-uniform" and first <= 0:
         raise ValueError(f"must begin above 0 to be log-uniform, not with {values[0]}")

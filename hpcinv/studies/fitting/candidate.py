@@ -108,6 +108,13 @@ def short(value: float, dimension: Dimension, digits: int = 5) -> str:
     return f"{value:.{digits}g} {dimension.unit}".strip()
 
 
+def _fixed_of(law: type[MaterialLaw], data: Mapping[str, Any], fixed: Mapping[str, str]) -> dict[str, str]:
+    """Return the fixed values that a law has."""
+    return {
+        key: value for key, value in fixed.items() if key.partition("[")[0] in law.model_fields or key in _known(data)
+    }
+
+
 def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Candidate:
     """Return the law that a user names, ``NAME``, ``NAME:TERMS`` or a mapping as in a job.
 
@@ -123,14 +130,14 @@ def candidate(text: str, fixed: Mapping[str, str], *, compressible: bool) -> Can
     name, is_whole = str(given.get("law")), len(given) > 1
     law = _isotropic_law(name, place)
     data = _repeat_terms(given if is_whole else law.example, law, terms, place)
-    fixed = {k: value for k, value in fixed.items() if k.partition("[")[0] in law.model_fields or k in _known(data)}
-    bulk = law.replaceable[1] if law.replaceable else None
+    fixed = _fixed_of(law, data, fixed)
+    bulk = law.replaceable[1] if law.replaceable else ""
     is_stated = bulk in fixed or (is_whole and bulk in given)
     if bulk and not (compressible or is_stated) and (not is_whole or law.model_fields[bulk].is_required()):
         data = {**data, bulk: "incompressible"}
-    model, section = _model(law, data, fixed, "" if is_stated else bulk or "", place)
+    model, section = _model(law, data, fixed, "" if is_stated else bulk, place)
     kept = {parse_key(_key(key, section)) for key in fixed}
-    if bulk is not None and not compressible:
+    if bulk and not compressible:
         kept.add((bulk,))
     parameters = tuple(_parameters(model, kept))
     if not parameters:

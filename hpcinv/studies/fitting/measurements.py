@@ -253,11 +253,7 @@ class _TableReader:
             if name != IGNORE:
                 need = COLUMNS[name].needs
                 over = f", over {need} {_stated(need, self._statements[need])}" if need else ""
-                unit = COLUMNS[name].dimension.unit
-                whole = readable(factor, unit) if unit else ""
-                plain = f"{factor:.6g} {unit}".rstrip() if factor != 1 else unit
-                size = f" in {whole[2:] if whole.startswith('1 ') else plain}" if unit or factor != 1 else ""
-                self._notes.append(f"  '{titles.entries[i]}': {name}{size}{over}")
+                self._notes.append(f"  '{titles.entries[i]}': {name}{_size_of(name, factor)}{over}")
         if ignored:
             self._notes.append(f"  not used: {', '.join(ignored)}")
 
@@ -379,6 +375,27 @@ def _finite(number: float, text: str) -> float:
     return number
 
 
+def _size_of(name: str, factor: float) -> str:
+    """Return the unit of a column as text for a note."""
+    unit = COLUMNS[name].dimension.unit
+    if not unit and factor == 1:
+        return ""
+    whole = readable(factor, unit) if unit else ""
+    plain = f"{factor:.6g} {unit}".rstrip() if factor != 1 else unit
+    return f" in {whole[2:] if whole.startswith('1 ') else plain}"
+
+
+def _deviation(text: str) -> tuple[float, Dimension]:
+    """Return value and dimension of a standard deviation that a user gives."""
+    try:
+        value, dimension = parse_quantity(text)
+        if dimension not in (_PURE, _STRESS) or not value > 0:
+            raise ValueError(f"must be a stress or a part of the stress above 0, not '{text}'")
+    except ValueError as error:
+        raise JobError(f"--sd: {error}") from None
+    return value, dimension
+
+
 def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
     """Return tests with standard deviations of their stress: from their files, or the given ones.
 
@@ -389,13 +406,7 @@ def set_deviations(tests: list[Test], given: list[str]) -> list[Test]:
         JobError: a given one is neither, or some tests have none although others have.
     """
     absolute, relative = 0.0, 0.0
-    for text in given:
-        try:
-            value, dimension = parse_quantity(text)
-            if dimension not in (_PURE, _STRESS) or not value > 0:
-                raise ValueError(f"must be a stress or a part of the stress above 0, not '{text}'")
-        except ValueError as error:
-            raise JobError(f"--sd: {error}") from None
+    for value, dimension in map(_deviation, given):
         absolute, relative = (absolute, value) if dimension == _PURE else (value, relative)
     if not given:
         missing = [test.name for test in tests if test.deviation is None]

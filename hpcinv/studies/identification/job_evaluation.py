@@ -8,6 +8,7 @@ import io
 import json
 import time
 import zipfile
+from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -228,7 +229,10 @@ class Evaluations:
         teams = [entry for entry in parts if entry is not None]
         if failures := [entry.failure for entry in teams if entry.failure]:
             return self._failed(failures[0])
-        known = {name: prediction for entry in teams for name, prediction in entry.predictions.items()}
+        known, quantities, shapes = (
+            dict(ChainMap(*(getattr(entry, name) for entry in reversed(teams))))
+            for name in ("predictions", "quantities", "shapes")
+        )
         ordered = [known[entry.spec.name] for entry in self.observed]
         for entry, prediction in zip(self.observed, ordered, strict=True):
             if not prediction.is_finite:
@@ -238,8 +242,8 @@ class Evaluations:
             np.concatenate([entry.jacobian for entry in ordered]),
             sum(entry.factorizations for entry in teams),
             time.perf_counter() - begun,
-            {name: value for entry in teams for name, value in entry.quantities.items()},
-            {name: nodes for entry in teams for name, nodes in entry.shapes.items()},
+            quantities,
+            shapes,
         )
 
     def _keep(self, evaluation: Evaluation | None, path: Path | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +92,12 @@ def _joined(section: str, added: Sequence[str], old: Any) -> Any:
         raise JobError(f"{section}: an entry must have a name")
     if section == "quantities":
         return [*values, *(old or [])]
-    names = [name for value in values for name in value]
-    if taken := [name for name in names if name in (old or {}) or names.count(name) > 1]:
-        raise JobError(f"regions: there is a region '{taken[0]}': choose another name")
-    return {name: rule for value in values for name, rule in value.items()} | (old or {})
+    kept, regions = old or {}, dict[str, Any]()
+    for name, rule in chain(*(value.items() for value in values)):
+        if name in kept or name in regions:
+            raise JobError(f"regions: there is a region '{name}': choose another name")
+        regions[name] = rule
+    return regions | kept
 
 
 def _entries(body: bytes | None) -> list[tuple[str, str]]:

@@ -145,7 +145,7 @@ def _points(
     for (series, step), numbers in members.items():
         those = [rows[i] for i in numbers]
         base = plan.study.series_called(series).base
-        ratio = None if base is None else _ratio(those, [rows[i] for i in members.get((base, step), members[base, 0])])
+        others = [] if base is None else members.get((base, step), members[base, 0])
         known = tuple(e for i in numbers if (e := errors[i]) is not None)
         converged = [row for row in those if row.converged]
         figures: dict[str, float | None] = {
@@ -156,6 +156,7 @@ def _points(
         }
         for name in those[0].costs:
             figures[name] = _average([c for row in converged if (c := row.costs[name]) is not None])
+        ratio = None if base is None else _ratio(those, [rows[i] for i in others])
         figures |= {"ratio": ratio, "failed": len(those) - len(converged)}
         promised = _average([abs(e) for row in converged if (e := row.estimates[measured]) is not None])
         points.append(StepStatistics(series, step, those[0].place.label, known, figures, promised))

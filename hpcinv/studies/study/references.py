@@ -23,6 +23,15 @@ class ReferenceValue:
         return None if value is None or row.key == self.key else abs(value - self.value)
 
 
+def _candidates(reference: Reference, rows: Sequence[StudyRow], name: str) -> list[StudyRow]:
+    """Return the rows whose value of a quantity may be the reference."""
+    known = [row for row in rows if row.values[name] is not None and reference.series in (None, row.place.series)]
+    if reference.kind != "richardson" or reference.series is not None:
+        return known
+    counts = Counter(row.place.series for row in known if row.size is not None)  # of the series that refine the mesh
+    return [row for row in known if counts[row.place.series] >= LEAST_MESHES] or known
+
+
 def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) -> ReferenceValue:
     """Return the reference of one quantity among the rows of one case.
 
@@ -31,10 +40,7 @@ def find_reference(reference: Reference, rows: Sequence[StudyRow], name: str) ->
     """
     if reference.value is not None:
         return ReferenceValue(reference.value, reference.kind)
-    known = [row for row in rows if row.values[name] is not None and reference.series in (None, row.place.series)]
-    if reference.kind == "richardson" and reference.series is None:  # of the series that refine the mesh
-        counts = Counter(row.place.series for row in known if row.size is not None)
-        known = [row for row in known if counts[row.place.series] >= LEAST_MESHES] or known
+    known = _candidates(reference, rows, name)
     if not known:
         raise ValueError("no run has a value that can be the reference")
     # Of equally fine runs the last one is taken, since a series of tolerances ends with the strictest.

@@ -1,10 +1,11 @@
 """Rows of a study's table: values and costs of each run."""
 
-import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from hpcinv.base.parallel.timings import SOLVER
 from hpcinv.base.quantity.keys import look_up
@@ -60,18 +61,21 @@ def rows_of(executions: Executions) -> list[StudyRow]:
     ]
 
 
-def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], parameter: str | None) -> StudyRow:
-    study, statistics_of_run = plan.study, records[0].statistics
-    converged = records[0].converged
-    timed = [r.statistics for r in records if r.converged and not r.compiled] or [
-        r.statistics for r in records if r.converged
-    ]
+def _seconds(records: Sequence[CaseRecord]) -> dict[str, list[float]]:
+    """Return the times of the runs that converged, without those that compiled if there are others."""
+    converged = [record for record in records if record.converged]
+    timed = [record.statistics for record in converged if not record.compiled] or [r.statistics for r in converged]
     certified = [float(s["timings"]["total"]) - _phases(s, ("programs",)) for s in timed]
-    seconds = {
+    return {
         "run": [whole - _phases(s, ("certificate",)) for whole, s in zip(certified, timed, strict=True)],
         "certified": certified,
         "solver": [_phases(s, SOLVER) for s in timed],
     }
+
+
+def _row(plan: StudyPlan, run: Run, key: str, records: Sequence[CaseRecord], parameter: str | None) -> StudyRow:
+    study, statistics_of_run = plan.study, records[0].statistics
+    converged, seconds = records[0].converged, _seconds(records)
     costs: dict[str, float | None] = {
         name: statistics.median(values_there) if values_there else None for name, values_there in seconds.items()
     }
@@ -105,13 +109,11 @@ def _proportional(plan: StudyPlan, series: str) -> str | None:
     prefix = "mesh.parameters."
     runs = [run for run in plan.runs if run.place.series == series and run.place.case == 0]
     names = [key.removeprefix(prefix) for key in runs[0].place.varied if key.startswith(prefix)]
-    sizes = {name: [_parameter_size(run, name) for run in runs] for name in names}
-    known = {name: [s for s in values if s is not None] for name, values in sizes.items()}
-    if not names or any(len(values) < len(runs) for values in known.values()):
+    sizes = np.array([[_parameter_size(run, name) for run in runs] for name in names], dtype=np.float64)  # None: NaN
+    if not names or np.isnan(sizes).any():
         return None
-    coarsening = [[size / values[-1] for size in values] for values in known.values()]
-    same = all(math.isclose(a, b) for other in coarsening for a, b in zip(coarsening[0], other, strict=True))
-    return names[0] if same else None
+    coarsening = sizes / sizes[:, -1:]
+    return names[0] if np.isclose(coarsening, coarsening[0], rtol=1e-9, atol=0).all() else None
 
 
 def _parameter_size(run: Run, name: str) -> float | None:

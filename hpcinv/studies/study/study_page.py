@@ -1,14 +1,15 @@
 """Report of a study: work-precision diagrams, and a table of its runs."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hpcinv.errors import OutputError
 from hpcinv.pages.reports.cases_page import cases_page, outcome_of
 from hpcinv.pages.reports.page import write_page
 from hpcinv.studies.study.executions import Executions
-from hpcinv.studies.study.findings import findings
+from hpcinv.studies.study.findings import Accuracy, findings
 from hpcinv.studies.study.references import ReferenceValue
-from hpcinv.studies.study.result_rows import rows_of
+from hpcinv.studies.study.result_rows import StudyRow, rows_of
 from hpcinv.studies.study.study_run import diagrams
 from hpcinv.studies.study.study_tables import run_columns, run_units
 
@@ -33,19 +34,7 @@ def write_study_report(executions: Executions, path: Path) -> Path:
         if name.endswith(".png")
     ]
     columns = {"number": list(range(1, len(rows) + 1))} | run_columns(plan, rows, accuracies)
-    notes = []
-    for accuracy in accuracies:
-        reference = accuracy.references[0]
-        if isinstance(reference, ReferenceValue):
-            notes.append(
-                f"Errors of {accuracy.name} are against {reference.value:.10g} {accuracy.unit} ({reference.origin})."
-            )
-        else:
-            notes.append(f"{accuracy.name} has no errors: {reference}.")
-        if note := accuracy.geometry_note(rows):
-            notes.append(note)
-        if front := accuracy.front():
-            notes.append(f"Pareto front of {accuracy.name}, from fast to accurate: {front}.")
+    notes = [note for accuracy in accuracies for note in _notes(accuracy, rows)]
     converged = sum(row.converged for row in rows)
     numbers = [name for name in columns if name in ("unknowns", "time", *(accuracy.name for accuracy in accuracies))]
     errors = [name for name in columns if "error" in name and "estimated" not in name]
@@ -62,3 +51,16 @@ def write_study_report(executions: Executions, path: Path) -> Path:
     )
     write_page(path, page)
     return path
+
+
+def _notes(accuracy: Accuracy, rows: Sequence[StudyRow]) -> Iterator[str]:
+    """Yield sentences on the errors of a quantity."""
+    reference = accuracy.references[0]
+    if isinstance(reference, ReferenceValue):
+        yield f"Errors of {accuracy.name} are against {reference.value:.10g} {accuracy.unit} ({reference.origin})."
+    else:
+        yield f"{accuracy.name} has no errors: {reference}."
+    if note := accuracy.geometry_note(rows):
+        yield note
+    if front := accuracy.front():
+        yield f"Pareto front of {accuracy.name}, from fast to accurate: {front}."

@@ -250,9 +250,8 @@ class Study(Spec):
             elif fault := _missing_extrapolation(reference, self.series):
                 yield ("reference", key), fault
         yield from self._not_measured(("reference",), [key for key in self.reference if key != "all"])
-        if "all" not in self.reference:
-            missing = (key for key in self.measure if key not in self.reference)
-            yield from ((("reference",), f"is needed for '{key}' too") for key in missing)
+        missing = [] if "all" in self.reference else [key for key in self.measure if key not in self.reference]
+        yield from ((("reference",), f"is needed for '{key}' too") for key in missing)
         if self.beside is not None:
             yield from self._unknown_names(self.beside, names)
 

@@ -25,7 +25,7 @@ def run_columns(plan: StudyPlan, rows: Sequence[StudyRow], accuracies: Sequence[
     if plan.cases > 1:
         columns["case"] = [p.case for p in places]
     columns |= _settings([p.parameters for p in places])
-    columns |= {name: [value(row) for row in rows] for name, value in _OF_RUNS.items()}
+    columns |= {name: list(map(value, rows)) for name, value in _OF_RUNS.items()}
     for name in rows[0].costs:
         columns[name] = [row.costs[name] for row in rows]
     for accuracy in accuracies:

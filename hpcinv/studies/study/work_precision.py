@@ -26,8 +26,7 @@ def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mappi
     with new_figure(7.0, 4.8) as figure:
         axes = figure.add_subplot()
         _draw_front(axes, [point for point in points if point.is_on_front])
-        names = list(dict.fromkeys(point.series for point in accuracy.points))
-        for i, series in enumerate(names):
+        for i, series in enumerate(dict.fromkeys(point.series for point in accuracy.points)):
             name = f"{series} ({varied[series]})" if varied[series] else series
             if points_of_series := [point for point in points if point.series == series]:
                 _draw_series(axes, i, name, points_of_series)
@@ -41,11 +40,9 @@ def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mappi
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.margins(0.08, 0.1)
         axes.legend()
-        hidden = sum(len(p.errors) > 0 and not _is_shown(p) for p in accuracy.points)
-        note = f"; {hidden} without any error cannot be shown" if hidden else ""
         dotted = "; dotted: as estimated by the certificate" if study.time == "certified" else ""
         axes.annotate(
-            f"reference: {_origin(accuracy)}; filled: on the Pareto front{dotted}{note}",
+            f"reference: {_origin(accuracy)}; filled: on the Pareto front{dotted}{_note_on_hidden(accuracy)}",
             (0, -0.16),
             xycoords="axes fraction",
             fontsize=7,
@@ -53,6 +50,25 @@ def work_precision(study: Study, accuracy: Accuracy, seconds: str, varied: Mappi
             va="top",
         )
         return as_files(figure)
+
+
+def _note_on_hidden(accuracy: Accuracy) -> str:
+    hidden = sum(len(point.errors) > 0 and not _is_shown(point) for point in accuracy.points)
+    return f"; {hidden} without any error cannot be shown" if hidden else ""
+
+
+def _series_against(key: str, rows: Sequence[tuple[StudyRow, float]]) -> list[DiagramSeries]:
+    """Return errors of rows against a parameter of the cases, by series and step."""
+    points: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
+    for row, error in rows:
+        if (value := row.place.parameters.get(key)) is not None:
+            points.setdefault((row.place.series, row.place.step, row.place.label), []).append((value, error))
+    series = []
+    for colour, ((name, _, label), own) in enumerate(points.items()):
+        title = ", ".join(filter(None, (name, label)))
+        places, errors = [(x,) for x, _ in own], [error for _, error in own]
+        series.append(DiagramSeries(title, colour, places, errors, ["converged"] * len(own), is_curve=False))
+    return series
 
 
 def case_diagrams(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> dict[str, bytes]:
@@ -65,23 +81,8 @@ def case_diagrams(title: str, accuracy: Accuracy, rows: Sequence[StudyRow]) -> d
     with new_figure(3.6 * len(keys) + 1.0, 3.8) as figure:
         every = figure.subplots(1, len(keys), squeeze=False, sharey=True)[0]
         for key, axes in zip(keys, every, strict=True):
-            places: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
-            for row, error in shown:
-                if (value := row.place.parameters.get(key)) is not None:
-                    group = row.place.series, row.place.step, row.place.label
-                    places.setdefault(group, []).append((value, error))
-            series = [
-                DiagramSeries(
-                    ", ".join(filter(None, (name, label))),
-                    colour,
-                    [(x,) for x, _ in points],
-                    [error for _, error in points],
-                    ["converged"] * len(points),
-                    is_curve=False,
-                )
-                for colour, ((name, _, label), points) in enumerate(places.items())
-            ]
-            positive = all(x > 0 for points in places.values() for x, _ in points)
+            series = _series_against(key, shown)
+            positive = all(x > 0 for entry in series for (x,) in entry.places)
             x, y = Scale(key.rpartition(".")[2], positive), Scale(_error_label(accuracy), is_log=True)
             draw_lines(axes, f"{title}: {accuracy.name}" if axes is every[0] else "", series, x, y)
         figure.axes[-1].legend()

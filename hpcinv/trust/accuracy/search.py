@@ -13,6 +13,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
@@ -90,6 +91,11 @@ class Search:
         self.shares: Mapping[str, float] = {}
         self.moving: set[str] = set()
 
+    def _sampled(self) -> list[QuantityOfInterest]:
+        """Return the demanded quantities on regions that are not integrated."""
+        demanded = [q for q in self.job.quantities if q.name in self.job.accuracy and q.on is not None]
+        return [q for q in demanded if not (q.uses_quadrature and q.reduce in AVERAGES)]
+
     def run(self) -> tuple[AccuracyRecord | None, Trial]:
         """Solve until the demands are met or cannot be met; return the record and the best trial.
 
@@ -104,8 +110,7 @@ class Search:
         one_shape = self.meshes.have_one_shape(body)
         if not one_shape:  # straight cells would have more error of their geometry than of all else
             body = self._curved(body)
-        demanded = [q for q in self.job.quantities if q.name in self.job.accuracy]
-        sampled = [q for q in demanded if q.on is not None and not (q.uses_quadrature and q.reduce in AVERAGES)]
+        sampled = self._sampled()
         averaged = any(q.reduce in AVERAGES for q in sampled)  # over nodes, so that the distribution of nodes matters
         if averaged:
             self.unseen_order = 1.0

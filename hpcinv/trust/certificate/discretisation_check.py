@@ -61,6 +61,13 @@ def _lack(equations: Equations) -> str:
     return f"there is no memory for {forecast.least / 1e9:.2g} GB{finer.attempts(forecast)}"
 
 
+def _remarks(estimated: Estimate) -> Iterator[str]:
+    if estimated.is_solved:
+        yield f"found by a solve {estimated.finer}"
+    if estimated.unreliable:
+        yield f"not reliable at singular fibres: {', '.join(estimated.unreliable)}"
+
+
 def _line(estimated: Estimate, scale: float, scale_note: str, deviation: float) -> Line:
     """Return the line of an estimate.
 
@@ -81,11 +88,7 @@ def _line(estimated: Estimate, scale: float, scale_note: str, deviation: float) 
     # Of errors that nearly cancel, the estimate may show a tenth.
     if doubt and verdict is Verdict.PASS and UNRELIABLE * (line.value or 0.0) > WARN:
         verdict = Verdict.UNDECIDED
-    parts = [
-        f"found by a solve {estimated.finer}" if estimated.is_solved else "",
-        f"not reliable at singular fibres: {', '.join(estimated.unreliable)}" if estimated.unreliable else "",
-        doubt,
-    ]
+    parts = [*_remarks(estimated), doubt]
     if deviation and estimated.shape <= deviation:  # the mesh need not be better than the image deserves
         parts.append(f"the given surface is uncertain by {readable(deviation, 'm', 2)}")
         verdict = Verdict.PASS if verdict is Verdict.WARN else verdict

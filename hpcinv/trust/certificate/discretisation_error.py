@@ -49,12 +49,11 @@ from hpcinv.mesh.location import Point, cells_at, locate, position
 from hpcinv.mesh.source import Floats
 from hpcinv.on_demand import variant
 from hpcinv.physics.effects import Direction
-from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-from hpcinv.trust.certificate.estimate import LINEAR, Correction, Estimate
+from hpcinv.trust.certificate.estimate import Correction, Estimate
 from hpcinv.trust.certificate.finer_problem import FinerProblem
 from hpcinv.trust.certificate.finer_solid import FinerSolid
 from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
@@ -93,10 +92,9 @@ def estimate(
     nodes = {"reference": solution.reference_nodes, "current": current}
     edges = singular_edges(solution.job, equations.body, nodes)
     unreliable = quantities_at_singular_fibres(solution.job.quantities, equations.body, edges)
-    scale = displacement_scale(equations, solution).length
     finer = problem.equations
     start = finer.state().displacement
-    found = problem.solve(observer, most=LINEAR * scale)
+    found = problem.solve(observer)
     if found is None:
         return None
     stop_if_asked(finer.body.mesh.comm, observer)

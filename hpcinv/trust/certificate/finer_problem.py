@@ -86,12 +86,8 @@ class FinerProblem(ABC):
         """Return what was tried where there is no memory for a factorization, as the end of a sentence."""
 
     @abstractmethod
-    def solve(self, observer: Observer, most: float) -> Found | None:
-        """Return the solution of the finer problem, or its first correction; ``None`` if there is no memory for it.
-
-        Args:
-            most: largest correction (m) that is not solved for.
-        """
+    def solve(self, observer: Observer) -> Found | None:
+        """Return the solution of the finer problem, or its first correction; ``None`` if there is no memory for it."""
 
     @abstractmethod
     def change(self, found: Found, start: fem.Function) -> fem.Function:

@@ -36,7 +36,7 @@ class FinerShell(FinerProblem):
     def attempts(forecast: Forecast) -> str:
         return f" {FinerShell.where}"
 
-    def solve(self, observer: Observer, most: float) -> Found | None:
+    def solve(self, observer: Observer) -> Found | None:
         given, finer = self.given, self.equations
         forecast = finer.chooser.forecast
         if forecast.least > given.chooser.room:

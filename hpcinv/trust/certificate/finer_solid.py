@@ -12,13 +12,14 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.refine.finer_geometry import transfer_function
 from hpcinv.mesh.source import Floats
+from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED
 from hpcinv.solver.observer import Observer
 from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.estimate import DEGREE_MORE
+from hpcinv.trust.certificate.estimate import DEGREE_MORE, LINEAR
 from hpcinv.trust.certificate.extension import extend
 from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
 
@@ -37,7 +38,7 @@ class FinerSolid(FinerProblem):
     def attempts(forecast: Forecast) -> str:
         return ", and iterations do not find it" if forecast.operations > two_level.MANY else ""
 
-    def solve(self, observer: Observer, most: float) -> Found | None:
+    def solve(self, observer: Observer) -> Found | None:
         given, finer, direction = self.given, self.equations, self.solution.direction
         forecast = self.forecast(given)
         is_affordable = forecast.least <= given.chooser.room
@@ -49,7 +50,7 @@ class FinerSolid(FinerProblem):
             equilibrium.correct(1.0)
             equilibrium.destroy()
         found = self.moved()
-        if not is_affordable or found.largest <= most:
+        if not is_affordable or found.largest <= LINEAR * displacement_scale(given, self.solution).length:
             return found
         corrected = finer.state()
         budget = Budget(observer, self.tangents_allowed(forecast))

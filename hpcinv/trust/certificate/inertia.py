@@ -113,17 +113,26 @@ def factorize_symmetric(
     symmetric.setOption(option, True)
     options = {**_OPTIONS, **(_MINIMUM_FILL if minimum_fill else {})}
     roundings = [{**_ROUNDED, **_LOW_RANK}, _ROUNDED] if low_rank else [_ROUNDED]
-    accepted: PETSc.PC | None = None
-    for rounding in [*roundings, {}] if rounded else [{}]:
-        if (pc := _factorized(symmetric, {**options, **rounding}, unknowns)) is None:
-            continue
-        if not rounding or _has_inertia_of(pc, symmetric):
-            accepted = pc
-            break
-        pc.destroy()
+    accepted = _tested_factors(symmetric, options, [*roundings, {}] if rounded else [{}], unknowns)
     if symmetric is not matrix:
         symmetric.destroy()
     return None if accepted is None else SymmetricFactors(accepted, asymmetry, director)
+
+
+def _tested_factors(
+    symmetric: PETSc.Mat,
+    options: Mapping[str, OptionValue],
+    roundings: Sequence[Mapping[str, OptionValue]],
+    unknowns: Unknowns | None,
+) -> PETSc.PC | None:
+    """Return factors with the first options of rounding that keep the inertia; ``None`` if all fail."""
+    for rounding in roundings:
+        pc = _factorized(symmetric, {**options, **rounding}, unknowns)
+        if pc is not None and (not rounding or _has_inertia_of(pc, symmetric)):
+            return pc
+        if pc is not None:
+            pc.destroy()
+    return None
 
 
 class _SymmetricPart:

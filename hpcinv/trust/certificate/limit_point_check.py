@@ -107,8 +107,8 @@ def _known_line(solution: Solution) -> Line | None:
     if turned := sum(s.limit_point for s in solution.solves):
         note = _OTHER
         if passed := _earlier_passes([s.load for s in _accepted(solution)]):
-            points, times = "point" if turned == 1 else "points", "once" if passed == 1 else f"{passed} times"
-            note = f"the path passes {turned} limit {points}; it reaches the full load {times} before"
+            times = "once" if passed == 1 else f"{passed} times"
+            note = f"the path passes {turned} limit point{'s'[: turned > 1]}; it reaches the full load {times} before"
         return Line(LIMIT_POINTS, float(turned), "", _RULE, Verdict.WARN, note)
     if branches := [s for s in solution.solves if s.bifurcation is not None]:
         mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)

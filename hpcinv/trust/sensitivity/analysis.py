@@ -29,6 +29,7 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
+from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh.source import Floats
@@ -40,6 +41,27 @@ from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.trust.sensitivity.moving_nodes import node_rates
 from hpcinv.trust.sensitivity.sensitivities import Sensitivities, deviation_of, deviations_of
 from hpcinv.trust.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
+
+
+def _references(
+    equations: Equations,
+    numbers: Sequence[Parameter],
+    first: tuple[Solution, Sensitivities] | None,
+    mesh: Mapping[str, Floats],
+) -> dict[str, ReferenceChange]:
+    """Return the changes of the reference shape by the keys of the numbers; arguments as of `sensitivities`."""
+    if first:
+        return {p.key: _reference(equations, p, *first) for p in numbers}
+    references = {key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()}
+    values = {p.key: p.value for p in numbers}
+    rates = node_rates(equations.body, numbers)
+    return references | {key: ReferenceChange(moved, None, values[key]) for key, moved in rates.items()}
+
+
+def _is_motion(parameter: Parameter, job: Job) -> bool:
+    """Return whether a parameter is of a prescribed motion of a job's support."""
+    owner = parameter.owner
+    return isinstance(owner, Support) and owner.remote is None and parameter.where in job.owners
 
 
 def sensitivities(
@@ -61,20 +83,8 @@ def sensitivities(
     body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
-        if first:
-            references = {p.key: _reference(equations, p, *first) for p in numbers}
-        else:
-            references = {
-                key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()
-            }
-            values = {p.key: p.value for p in numbers}
-            for key, moved in node_rates(body, numbers).items():
-                references[key] = ReferenceChange(moved, None, values[key])
-        prescribed = {
-            p.key: _prescribed(equations, p)
-            for p in numbers
-            if isinstance(p.owner, Support) and p.owner.remote is None and p.where in equations.job.owners
-        }
+        references = _references(equations, numbers, first, mesh)
+        prescribed = {p.key: _prescribed(equations, p) for p in numbers if _is_motion(p, equations.job)}
         equations.put(solution)
         changes = _changes(equations, solution, numbers, references, prescribed)
         quantity_slopes = {

@@ -15,7 +15,7 @@ which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityValue
+from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.constraint_report import ConstraintReport
@@ -113,26 +113,35 @@ def slopes(
         with weak_form.parameters.moved(change.direction, shift):
             return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
 
-    is_kinked = has_kinks(solution.job)
-    kinked = {
-        quantity.name
-        for quantity in quantities
-        if (is_kinked and quantity.fields) or quantity.reduce in _EXTREMES or _KINKS.search(quantity.of.source)
-    }
+    kinked = _kinked(quantities, has_kinks(solution.job))
     derivatives: dict[str, dict[str, QuantityValue]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if derivatives else ():
         step = _step(equations, solution, parameter, change)
         values = [values_at(change, k * step) for k in POINTS]
         short_values = [values_at(change, k * SHORT * step) for k in POINTS] if kinked else []
         for name, key_slopes in derivatives.items():
-            slope = central_difference((v[name] for v in values), step)
+            slope = central_difference([v[name] for v in values], step)
             if name in kinked:
-                short = central_difference((v[name] for v in short_values), SHORT * step)
-                rounding = _ROUNDING * np.abs(short_values[0][name]) / (SHORT * step)
-                agree = np.abs(slope - short) <= np.maximum(_AGREEING * np.abs(short), rounding)
-                slope = np.where(agree, slope, short)
+                slope = _checked(slope, [v[name] for v in short_values], SHORT * step)
             key_slopes[parameter.key] = slope.tolist()
     return derivatives
+
+
+def _kinked(quantities: Iterable[QuantityOfInterest], is_job_kinked: bool) -> set[str]:
+    """Return the names of the quantities that may have kinks."""
+    return {
+        quantity.name
+        for quantity in quantities
+        if (is_job_kinked and quantity.fields) or quantity.reduce in _EXTREMES or _KINKS.search(quantity.of.source)
+    }
+
+
+def _checked(slope: Floats, short_values: Sequence[Floats], step: float) -> Floats:
+    """Return a slope where a shorter step gives the same, else the slope of the shorter step."""
+    short = central_difference(short_values, step)
+    rounding = _ROUNDING * np.abs(short_values[0]) / step
+    agree = np.abs(slope - short) <= np.maximum(_AGREEING * np.abs(short), rounding)
+    return np.where(agree, slope, short)
 
 
 def _reports(solution: Solution, step: Floats) -> Iterator[ConstraintReport]:

@@ -346,10 +346,7 @@ def test_a_file_is_refused_as_a_store(tmp_path: Path) -> None:
 
 
 def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end.
-
-    A hundred of them: benchmarks/sweep_kills.py.
-    """
+    """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
     chance = random.Random(5)
     steps, count = {"strategy": "fixed", "steps": 20}, 10
     sweep = write_sweep(
