@@ -62,3 +62,8 @@ def by_section(reports: Sequence[ConstraintReport]) -> Mapping[str, list[dict[st
 def of_kind[R: ConstraintReport](reports: Sequence[ConstraintReport], kind: type[R]) -> tuple[R, ...]:
     """Return the reports of one kind."""
     return tuple(report for report in reports if isinstance(report, kind))
+
+
+def of_section(reports: Sequence[ConstraintReport], section: str) -> tuple[Any, ...]:
+    """Return the reports of a section of the summary, which are of one kind."""
+    return tuple(report for report in reports if report.section == section)

@@ -30,12 +30,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import entities_to_geometry
 from petsc4py import PETSc
 
 from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.errors import MeshError, naming_field
+from hpcinv.job.sections import Support
+from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
-from hpcinv.model.sliding_surfaces import SlidingSurface
+from hpcinv.model.nodal_normals import nodal_normals
+from hpcinv.model.sliding_surfaces import SlidingSurface, surface_of
 from hpcinv.model.spaces import Unknowns
+from hpcinv.model.supports import dofs_on
 
 _SUBSET: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
 _PARALLEL = 1e-6
@@ -70,6 +76,38 @@ class Slide:
         """Return the held component of vectors (n, 3, …) at ``nodes``."""
         component: Floats = np.einsum("ni...,ni->n...", vectors, self.normals)
         return component
+
+
+def slide_of(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
+    """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
+    space = unknowns.displacement_space
+    if spec.normal is not None:
+        nodes = dofs_on(space, body.held_entities(spec.region))
+        normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
+        return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+    if spec.surface is None or spec.fitted_surface:
+        with naming_field(f"{place}.region"):
+            remedy = "Name a region of the boundary, or give the 'normal' or the formula of a 'surface'."
+            facets = body.boundary_facets(spec.region, remedy)
+        nodes, normals, edge = nodal_normals(space, facets)
+        if edge is not None:
+            point = ", ".join(f"{c:.6g}" for c in edge * body.length_scale)
+            raise MeshError(
+                f"{place}.fix: '{spec.region}' has a sharp edge at ({point}) m, where it has no normal",
+                "Give each smooth face a support of its own.",
+            )
+        if spec.surface is None:
+            return Slide(f"{place}.fix", spec.region, space, nodes, normals)
+    else:
+        facets = body.facets(spec.region)
+        nodes = fem.locate_dofs_topological(space, 2, facets)
+        normals = np.zeros((len(nodes), 3))
+    points = space.tabulate_dof_coordinates()[nodes] * body.length_scale
+    corners = body.mesh.geometry.x[np.unique(entities_to_geometry(body.mesh, 2, facets))] * body.length_scale
+    surface = surface_of(spec, place, points, normals, corners, body.mesh.comm)
+    gradients = surface.values(points).gradient
+    normals = gradients / np.linalg.norm(gradients, axis=1)[:, None]
+    return Slide(f"{place}.fix", spec.region, space, nodes, normals, surface)
 
 
 class Sliding:

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import entities_to_geometry
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
@@ -18,14 +17,10 @@ from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Motion, Support
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
-from hpcinv.model.nodal_normals import nodal_normals
 from hpcinv.model.parameters import load_factor
-from hpcinv.model.remote_loads import RemoteFace
-from hpcinv.model.sliding import Slide, Sliding
-from hpcinv.model.sliding_surfaces import surface_of
 from hpcinv.model.spaces import Unknowns
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
-from hpcinv.physics.kinematics.rigid_motion import RigidMotion
 
 _TOUCHING = 1e-12
 """Distance (scaled) of a node from its slide that is a rounding error; raised, a path may begin off the slide."""
@@ -74,6 +69,25 @@ class Prescribed:
         return points
 
 
+class Holder(Protocol):
+    """What holds nodes along a direction: a component of a support, or a slide (`hpcinv.model.sliding`)."""
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int32]:
+        """Local nodes of ``space``, (n,)."""
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The space of which ``nodes`` are numbers."""
+
+    @property
+    def points(self) -> Floats:
+        """Present positions of ``nodes``, (n, 3) in scaled lengths."""
+
+    def component_of(self, vectors: Floats) -> Floats:
+        """Return the held component of vectors (n, 3, …) at ``nodes``."""
+
+
 class Supports:
     """Dirichlet conditions ``u_i = λ ū_i``, with the load factor λ of each support's load case.
 
@@ -93,8 +107,8 @@ class Supports:
         self.prescribed: list[Prescribed] = []
         self.prescribe_motion = False
         self._path: list[npt.NDArray[np.float64]] | None = None  # displacements at the beginning of a path
-        self.slides: list[Slide] = []
-        self.remote_faces: dict[int, RemoteFace] = {}
+        self.slides: list[Any] = []
+        self.remote_faces: dict[int, Any] = {}
         self._with_unknown_motion: frozenset[int] = frozenset()  # numbers of supports whose motion is an unknown
         self._first_gap: Floats | float = 0.0  # distance of slides' nodes from them at the beginning of a path
         self._gap: Floats | float = 0.0  # now
@@ -107,9 +121,9 @@ class Supports:
             if spec.remote is not None:
                 space = unknowns.displacement_space
                 nodes = fem.locate_dofs_topological(space, 2, body.facets(spec.region))
-                self.remote_faces[number] = RemoteFace(spec.region, space, nodes, unknowns)
+                self.remote_faces[number] = on_demand("region of a remote load")(spec.region, space, nodes, unknowns)
             if spec.slides:
-                slide = _slide(spec, place, body, unknowns)
+                slide = on_demand("slide of a support")(spec, place, body, unknowns)
                 if spec.hinge:
                     kept = np.isin(slide.nodes, _surface_nodes(slide.space, body))
                     self._check_hinge(spec, place, kept)
@@ -120,7 +134,7 @@ class Supports:
                     continue
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
-                dofs = list(_dofs_on((part, scalar), held))
+                dofs = list(dofs_on((part, scalar), held))
                 if spec.hinge:
                     kept = np.isin(dofs[1], _surface_nodes(scalar, body))
                     self._check_hinge(spec, place, kept)
@@ -136,7 +150,9 @@ class Supports:
         fixed[self._dofs] = True
         slides = job.supports and any(spec.slides for spec in job.supports)
         sign = 1 if job.directions[0] == "forward" else -1
-        self.sliding = Sliding(self.slides, unknowns, fixed, body.length_scale, sign) if slides else None
+        self.sliding: Any = None
+        if slides:
+            self.sliding = on_demand("slides")(self.slides, unknowns, fixed, body.length_scale, sign)
         self._check_remote_faces(job)
         self.update_parameters(job)
 
@@ -168,10 +184,10 @@ class Supports:
     @property
     def is_curved(self) -> bool:
         """True if a region slides on a curved surface, so that held directions depend on the state."""
-        return self.sliding is not None and self.sliding.is_curved
+        return self.sliding is not None and bool(self.sliding.is_curved)
 
     @property
-    def holders(self) -> list[Prescribed | Slide]:
+    def holders(self) -> list[Holder]:
         """Supports and their regions, component by component; regions under remote loads are left out."""
         return [*(entry for entry in self.prescribed if entry.support not in self._with_unknown_motion), *self.slides]
 
@@ -365,42 +381,10 @@ class Supports:
         self.prescribe_motion = self._comm.allreduce(moves, op=MPI.LOR)
 
 
-def _dofs_on(spaces: Any, held: Mapping[int, LocalIndices]) -> Any:
+def dofs_on(spaces: Any, held: Mapping[int, LocalIndices]) -> Any:
     """Return the unknowns of a space, or of a part and its collapsed space, on entities by dimension; collective."""
     found = [np.asarray(fem.locate_dofs_topological(spaces, *entities)) for entities in held.items()]
     return np.ascontiguousarray(np.unique(np.concatenate(found, axis=-1), axis=-1))
-
-
-def _slide(spec: Support, place: str, body: Body, unknowns: Unknowns) -> Slide:
-    """Return the nodes of a support that slide, on the mesh at its given coordinates; collective."""
-    space = unknowns.displacement_space
-    if spec.normal is not None:
-        nodes = _dofs_on(space, body.held_entities(spec.region))
-        normals = np.tile(np.array(spec.normal) / np.linalg.norm(spec.normal), (len(nodes), 1))
-        return Slide(f"{place}.fix", spec.region, space, nodes, normals)
-    if spec.surface is None or spec.fitted_surface:
-        with naming_field(f"{place}.region"):
-            remedy = "Name a region of the boundary, or give the 'normal' or the formula of a 'surface'."
-            facets = body.boundary_facets(spec.region, remedy)
-        nodes, normals, edge = nodal_normals(space, facets)
-        if edge is not None:
-            point = ", ".join(f"{c:.6g}" for c in edge * body.length_scale)
-            raise MeshError(
-                f"{place}.fix: '{spec.region}' has a sharp edge at ({point}) m, where it has no normal",
-                "Give each smooth face a support of its own.",
-            )
-        if spec.surface is None:
-            return Slide(f"{place}.fix", spec.region, space, nodes, normals)
-    else:
-        facets = body.facets(spec.region)
-        nodes = fem.locate_dofs_topological(space, 2, facets)
-        normals = np.zeros((len(nodes), 3))
-    points = space.tabulate_dof_coordinates()[nodes] * body.length_scale
-    corners = body.mesh.geometry.x[np.unique(entities_to_geometry(body.mesh, 2, facets))] * body.length_scale
-    surface = surface_of(spec, place, points, normals, corners, body.mesh.comm)
-    gradients = surface.values(points).gradient
-    normals = gradients / np.linalg.norm(gradients, axis=1)[:, None]
-    return Slide(f"{place}.fix", spec.region, space, nodes, normals, surface)
 
 
 def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32]:
@@ -425,7 +409,9 @@ def _prescribed(spec: Support, axis: int, points: Floats, direction: Direction) 
 
 def _moved(motion: Motion, points: Floats, direction: Direction) -> Floats:
     """Return the displacements (n, 3) m of a rigid motion at ``points`` (n, 3) m."""
-    return RigidMotion(motion.rotate, motion.axis, motion.about, motion.move).displacement(points, direction)
+    rigid = on_demand("rigid motion")(motion.rotate, motion.axis, motion.about, motion.move)
+    displacement: Floats = rigid.displacement(points, direction)
+    return displacement
 
 
 def _values(spec: Support, formula: Expression, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -37,13 +37,13 @@ from hpcinv.model.contacts import Contacts
 from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
-from hpcinv.model.interfaces.pair import pairs_of
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.plugin_terms import noted
 from hpcinv.model.spaces import Unknowns
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
@@ -131,7 +131,8 @@ class WeakForm:
         effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         modulus = _modulus(job, fields, scales)
-        pairs = pairs_of(job.interfaces, fields.body, unknowns, modulus)
+        interfaces = job.interfaces
+        pairs = on_demand("interfaces")(interfaces, fields.body, unknowns, modulus) if interfaces else ()
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, modulus, pairs)
         directions = {
             name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)

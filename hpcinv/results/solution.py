@@ -1,24 +1,22 @@
 """The solution in one direction, and its evaluation from the present state of the equations."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from dolfinx.fem import Function
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
-from hpcinv.model.cavities import CavityReport
 from hpcinv.model.cell_means import LayerValues
-from hpcinv.model.constraint_report import ConstraintReport, of_kind
-from hpcinv.model.remote_loads import RemoteReport
+from hpcinv.model.constraint_report import ConstraintReport, of_section
 from hpcinv.model.state import State
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.methods.method import Guess, sign_of
-from hpcinv.solver.methods.nested_iteration import CoarseSolve
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import CoarseSolve, Solve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +56,14 @@ class Solution(State):
         return self.job.state
 
     @property
-    def cavities(self) -> tuple[CavityReport, ...]:
-        """Cavities of unknown pressure."""
-        return of_kind(self.constraints, CavityReport)
+    def cavities(self) -> tuple[Any, ...]:
+        """Reports of the cavities of unknown pressure (`hpcinv.model.cavities`)."""
+        return of_section(self.constraints, "cavities")
 
     @property
-    def remote_loads(self) -> tuple[RemoteReport, ...]:
-        """Regions under remote loads."""
-        return of_kind(self.constraints, RemoteReport)
+    def remote_loads(self) -> tuple[Any, ...]:
+        """Reports of the regions under remote loads (`hpcinv.model.remote_loads`)."""
+        return of_section(self.constraints, "remote_loads")
 
     @property
     def sign(self) -> int:

@@ -18,7 +18,7 @@ from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED, Start
-from hpcinv.solver.methods.nested_iteration import CoarseSolve, solve_nested
+from hpcinv.solver.newton import CoarseSolve
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
 
 type _Solved = tuple[SolvedDirection, CoarseSolve | None]
@@ -120,6 +120,16 @@ def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[
 
 def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl) -> _Solved:
     """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
-    if number == 0 and start.is_unloaded:
-        return solve_nested(equations, step.direction, control.solves, control.note)
+    if number == 0 and start.is_unloaded and _may_begin_coarser(equations, step.direction):
+        solved: _Solved = on_demand("nested iteration")(equations, step.direction, control.solves, control.note)
+        return solved
     return solve_direction(equations, step.direction, start, control.solves), None
+
+
+def _may_begin_coarser(equations: Equations, direction: Direction) -> bool:
+    """Return whether the job asks for a solve on coarser cells, or one may save time; collective."""
+    job = equations.job
+    if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
+        return False
+    is_asked = job.solver.nested_iteration == "on"
+    return is_asked or equations.chooser.is_nested_iteration_worth(job.solver, direction)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.predictor import Increment
@@ -61,6 +62,37 @@ class Solve:
     bifurcation: float | None = None
     mode: tuple[float, ...] = ()
     may_have_jumped: bool = False
+
+
+@dataclass(frozen=True)
+class CoarseSolve:
+    """Report of the solve on coarser cells.
+
+    Attributes:
+        cells, unknowns: their numbers; 0 if there is no such mesh.
+        solves: all solves on the way to the full load.
+        unused: reason why the given mesh's solution was not found from it; empty if it was.
+    """
+
+    cells: int = 0
+    unknowns: int = 0
+    solves: tuple[Solve, ...] = ()
+    unused: str = ""
+
+    @property
+    def factorizations(self) -> int:
+        return sum(solve.factorizations for solve in self.solves)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the entry of the summary, as JSON data."""
+        return {
+            "cells": self.cells,
+            "unknowns": self.unknowns,
+            "factorizations": self.factorizations,
+            "newton_iterations": sum(len(solve.iterations) for solve in self.solves),
+            "load": max((solve.load for solve in self.solves if solve.outcome.accepted), default=0.0),
+            "unused": self.unused or None,
+        }
 
 
 def is_given_up(solves: Sequence[Solve], patience: int) -> bool:

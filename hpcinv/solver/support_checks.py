@@ -23,8 +23,7 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
-from hpcinv.model.sliding import Slide
-from hpcinv.model.supports import Prescribed, Supports
+from hpcinv.model.supports import Holder, Prescribed, Supports
 from hpcinv.solver.joined_parts import joined_parts
 from hpcinv.solver.spring_stiffness import stiffness_of
 
@@ -219,7 +218,7 @@ def node_labels(space: fem.FunctionSpace, labels: Ints) -> Ints:
     return labels_there
 
 
-def _points(support: Prescribed | Slide, labels: Ints, label: int) -> Floats:
+def _points(support: Holder, labels: Ints, label: int) -> Floats:
     points: Floats = support.points[node_labels(support.space, labels)[support.nodes] == label]
     return points
 
@@ -232,9 +231,7 @@ def _free(
     return on_root(comm, lambda: unsprung_basis(free_motions(rows), springs, stiffest))
 
 
-def _constraints(
-    comm: MPI.Intracomm, holders: Iterable[Prescribed | Slide], labels: Ints, part: _ConnectedPart
-) -> Floats:
+def _constraints(comm: MPI.Intracomm, holders: Iterable[Holder], labels: Ints, part: _ConnectedPart) -> Floats:
     """Return rows (n, 6) of the held components of a part for its six motions, on rank 0 (0 rows elsewhere)."""
     rows = []
     for support in holders:

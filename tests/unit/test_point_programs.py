@@ -21,7 +21,7 @@ from hpcinv.base.parallel import cache_files
 from hpcinv.base.parallel.code_cache import kept_in
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
-from hpcinv.physics.points import array_interpreter, interpreter, kernels
+from hpcinv.physics.points import array_interpreter, form_programs, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
 from hpcinv.physics.points.point_values import PointKernel
@@ -214,7 +214,7 @@ def test_operators_that_programs_lack_are_named() -> None:
         (ufl.bessel_J(1, ufl.SpatialCoordinate(CUBE)[0]), "BesselJ"),
     ):
         with pytest.raises(NotAnalytic, match=reason):
-            kernels._expression_programs(expression, POINTS)
+            form_programs._expression_programs(expression, POINTS)
 
 
 def forms_of_every_rank() -> list[Any]:
@@ -311,7 +311,7 @@ def test_the_derivative_of_a_potential_is_its_virtual_work() -> None:
     forms = [ufl.derivative(energy, u, v), ufl.derivative(ufl.derivative(energy, u, v), u, du)]
     expected = work * ufl.dx(CUBE, degree=6)
     for form, other in zip(forms, (expected, ufl.derivative(expected, u, du)), strict=True):
-        kernels._form_programs(form)
+        form_programs._form_programs(form)
         assert assembled(form) == pytest.approx(assembled(other), rel=0, abs=1e-14)
 
 
@@ -334,7 +334,7 @@ def test_expressions_on_facets_are_what_ffcx_compiles(cell: mesh.CellType) -> No
         return np.asarray(fem.Expression(expression, points).eval(body, entities))
 
     middle, more = np.full((1, 2), 1 / corners), np.array([[1 / corners, 1 / corners], [0.1, 0.2], [0.7, 0.1]])
-    kernels._expression_programs(expression, more)
+    form_programs._expression_programs(expression, more)
     with kernels_of_ffcx():
         expected = values(middle)
     assert values(middle) == pytest.approx(expected, rel=0, abs=1e-15 * 8)

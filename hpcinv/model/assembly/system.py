@@ -15,14 +15,12 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.model.assembly.admissibility import Admissibility
-from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
-from hpcinv.model.assembly.paired_tangent import PairedTangent
 from hpcinv.model.assembly.tangent import Tangent, tangent_of
 from hpcinv.model.assembly.tangent_moduli import Term
 from hpcinv.model.outcome import Outcome
-from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.on_demand import on_demand
 
 _BALANCED = 1e-9
 """Nodal force, in shear moduli times the body's length squared, that does not hinder small load steps. With a larger
@@ -54,13 +52,13 @@ class System:
         self.comm = weak_form.unknowns.mesh.comm
         self.state = weak_form.unknowns.state
         self.tangents, self._like = 0, like
-        self._constraint: MatrixConstraint | None = None
-        self._paired: PairedTangent | None = None
+        self._constraint: Any = None
+        self._paired: Any = None
         self._path: tuple[npt.NDArray[np.float64], float] | None = None  # R(x_0, 1) and 1 - λ
         with timings("set-up"):
             self.rhs = fem_petsc.create_vector(weak_form.unknowns.space)
             is_thin = weak_form.unknowns.has_directors
-            self.director = DirectorUnknowns(weak_form.unknowns, supports) if is_thin else None
+            self.director = on_demand("unknowns of directors")(weak_form.unknowns, supports) if is_thin else None
 
     # Where only the tangent is needed, as for stability, neither residual nor checks are made.
     @cached_property
@@ -89,10 +87,10 @@ class System:
                 self.supports.conditions, like._tangent if like and like.tangents else None
             )
             if pairs := self.weak_form.contacts.pairs:
-                self._paired = PairedTangent(matrix, assemble, pairs, self.supports.conditions)
+                self._paired = on_demand("tangent with interfaces")(matrix, assemble, pairs, self.supports.conditions)
                 matrix, assemble = self._paired.matrix, self._paired.assemble
             if self.supports.sliding is not None:
-                self._constraint = MatrixConstraint(matrix, self.supports.sliding)
+                self._constraint = on_demand("constraints of slides")(matrix, self.supports.sliding)
             return matrix, assemble
 
     @property

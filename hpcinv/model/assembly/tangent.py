@@ -18,7 +18,6 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.mesh.regions import Mesh
-from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.assembly.tangent_moduli import Term, UnsupportedForm
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.on_demand import on_demand
@@ -94,7 +93,7 @@ class Tangent(Protocol):
 def tangent_of(
     weak_form: WeakForm,
     like: Tangent | None = None,
-    director: DirectorUnknowns | None = None,
+    director: Any = None,
 ) -> Tangent:
     """Return the tangent of a weak form, with the assembly that suits its mesh; collective.
 

@@ -18,10 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp
 
-from hpcinv.physics.points.program import OPERATIONS, Doubles, Program
+from hpcinv.physics.points.program import EXPRESSION, OPERATIONS, Doubles, Place, Program
 
-type Place = tuple[str, int]
-"""kind of an integral, and its number among the form's integrals of this kind"""
 type _Values = Any
 type _Ready = tuple[Doubles, bytes, int]
 """part of a cell, coordinates of its nodes as bytes, local number of its facet"""
@@ -29,7 +27,6 @@ type _Ready = tuple[Doubles, bytes, int]
 _POINTS = 4096
 """points done at once: with fewer, the calls of NumPy take the time; with more, values leave the cache of a core"""
 _FUNCTION = ctypes.CFUNCTYPE(None, *7 * (ctypes.c_void_p,))
-EXPRESSION: Place = "expression", 0
 
 
 def _sign(x: _Values) -> _Values:

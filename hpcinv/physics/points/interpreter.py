@@ -15,8 +15,8 @@ import numpy as np
 
 from hpcinv.base.parallel.c_code import NoLibrary, compile_library
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.physics.points.array_interpreter import ArrayKernel, Place
-from hpcinv.physics.points.program import Doubles, Program
+from hpcinv.on_demand import on_demand
+from hpcinv.physics.points.program import Doubles, Place, Program
 
 _MOST = 1024
 """kernels that one copy of the interpreter can have at a time: `functions` of interpreter.c"""
@@ -46,8 +46,8 @@ class _Cells(ctypes.Structure):
     _fields_ = (("count", ctypes.c_int), *((name, ctypes.c_int64) for name in ("w", "x", "A")))
 
 
-def kernel_of(programs: Sequence[Program], place: Place) -> Kernel | ArrayKernel:
-    """Return the kernel of programs: in C, or in NumPy where there is no compiler.
+def kernel_of(programs: Sequence[Program], place: Place) -> Any:
+    """Return the kernel of programs: in C, or in NumPy (`array_interpreter`) where there is no compiler.
 
     Args:
         place: of the integral in its form.
@@ -55,7 +55,7 @@ def kernel_of(programs: Sequence[Program], place: Place) -> Kernel | ArrayKernel
     if not reason_against_c():
         with suppress(NoLibrary):
             return Kernel(programs)
-    return ArrayKernel(programs, place)
+    return on_demand("kernel in NumPy")(programs, place)
 
 
 @cache

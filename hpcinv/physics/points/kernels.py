@@ -11,7 +11,6 @@ from typing import Any
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-import basix
 import cffi
 import dolfinx.jit
 import ffcx.codegeneration.jit as ffcx_jit
@@ -20,18 +19,14 @@ import numpy.typing as npt
 import ufl
 from dolfinx.fem import IntegralType
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.classes import CoefficientDerivative, Jacobian
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.physics.points import point_scalars
-from hpcinv.physics.points.array_interpreter import EXPRESSION, Place
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.points.ffcx_fallback import compiled_by_ffcx
-from hpcinv.physics.points.integrands import Integrand, Sources
 from hpcinv.physics.points.interpreter import kernel_of
-from hpcinv.physics.points.program import Program
-from hpcinv.physics.points.program_files import Integral, Programs, kept_programs
+from hpcinv.physics.points.program import EXPRESSION, Place, Program
+from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic
-from hpcinv.physics.points.tables import Tables, cell_rule, facet_rule, on_facets
 
 _TYPES = tuple(IntegralType.__members__)
 
@@ -44,89 +39,6 @@ def _interface() -> Any:
     for declarations in (ffcx_jit.UFC_INTEGRAL_DECL, ffcx_jit.UFC_FORM_DECL, ffcx_jit.UFC_EXPRESSION_DECL):
         interface.cdef(declarations)
     return interface
-
-
-def _form_programs(form: Any) -> Programs:
-    (mesh,) = form.ufl_domains()
-    if not point_scalars.is_supported(mesh):
-        raise NotAnalytic("its mesh is not one of solids")
-    kind, rank = mesh.ufl_coordinate_element().cell_type.name, len(form.arguments())
-    sources = Sources(form.coefficients(), form.constants())
-    domains = []
-    for (type_number, number), rules in sorted(_by_domain(form).items()):
-        is_cell = _TYPES[type_number] == "cell"
-        programs, functions = [], set[Any]()
-        for metadata, integrands in rules.values():
-            for integrand in _joined(integrands):
-                tables = Tables(*(cell_rule if is_cell else facet_rule)(kind, metadata))
-                maker = Integrand(mesh, tables, sources)
-                programs.append(maker.form(integrand, "volume" if is_cell else "area", rank))
-                functions |= maker.functions
-        cell = basix.CellType[kind]
-        domain = cell if is_cell else basix.cell.subentity_types(cell)[2][0]
-        domains.append((_TYPES[type_number], number, int(domain), functions, tuple(programs)))
-    integrals = []
-    for name, number, cell_number, taken, made in domains:
-        used = {sources.number(f) for f in taken}
-        enabled = tuple(i in used for i in range(len(sources.used)))
-        integrals.append(Integral(name, number, cell_number, enabled, made))
-    return Programs(sources.used, integrals)
-
-
-def _by_domain(form: Any) -> dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]]:
-    """Return metadata and integrands by quadrature rule, by type and region of the integral; -1 is everywhere."""
-    found: dict[tuple[int, int], dict[str, tuple[Any, list[Any]]]] = {}
-    for integral in _with_degrees(form.integrals()):
-        if integral.integral_type() not in ("cell", "exterior_facet"):
-            raise NotAnalytic(f"it has integrals over {integral.integral_type()}s")
-        regions = integral.subdomain_id()
-        for region in regions if isinstance(regions, tuple) else (regions,):
-            place = _TYPES.index(integral.integral_type()), -1 if isinstance(region, str) else int(region)
-            rules = found.setdefault(place, {})
-            rules.setdefault(repr(integral.metadata()), (integral.metadata(), []))[1].append(integral.integrand())
-    return found
-
-
-def _with_degrees(integrals: Sequence[Any]) -> list[Any]:
-    """Return integrals of which those without a quadrature degree have the one that UFL estimates, as by FFCx."""
-    given = [
-        i for i in integrals if i.metadata().get("quadrature_degree", -1) != -1 or "quadrature_rule" in i.metadata()
-    ]
-    others = [i for i in integrals if i not in given]
-    if not others:
-        return given
-    data = ufl.algorithms.compute_form_data(
-        ufl.Form(others),
-        do_apply_function_pullbacks=True,
-        do_apply_integral_scaling=True,
-        do_apply_geometry_lowering=True,
-        preserve_geometry_types=(Jacobian,),
-        do_append_everywhere_integrals=False,
-    )
-    parts = [part for group in data.integral_data for part in group.integrals]
-    degree = max(int(np.max(part.metadata()["estimated_polynomial_degree"])) for part in parts)
-    return [*given, *(i.reconstruct(metadata=i.metadata() | {"quadrature_degree": degree}) for i in others)]
-
-
-def _joined(integrands: Sequence[Any]) -> list[Any]:
-    """Return integrands of which those that are not derivatives are one sum."""
-    derivatives = [i for i in integrands if isinstance(i, CoefficientDerivative)]
-    others = [i for i in integrands if not isinstance(i, CoefficientDerivative)]
-    return [*derivatives, *([sum(others[1:], others[0])] if others else [])]
-
-
-def _expression_programs(expression: Any, points: npt.NDArray[np.float64]) -> Programs:
-    domains = ufl.domain.extract_domains(expression)
-    if len(domains) != 1 or not point_scalars.is_supported(domains[0]):
-        raise NotAnalytic("its mesh is not one of solids")
-    sources = Sources(extract_coefficients(expression), extract_constants(expression))
-    if points.shape[1] == 3:
-        tables = Tables(points)
-    else:
-        places, normals = on_facets(domains[0].ufl_coordinate_element().cell_type.name, points)
-        tables = Tables(places, normals=normals)
-    program = Integrand(domains[0], tables, sources).expression(expression)
-    return Programs.of_expression(program, sources.used)
 
 
 def _signature(item: Any) -> bytes:
@@ -216,10 +128,10 @@ def kernels_of(comm: MPI.Intracomm, item: Any) -> tuple[Any, Any, tuple[str, Str
     """
     structures, description = Structures(), _signature(item)
     if isinstance(item, ufl.Form):
-        made = structures.form(item, kept_programs(comm, description, lambda: _form_programs(item)))
+        made = structures.form(item, kept_programs(comm, description, lambda: on_demand("programs of a form")(item)))
     else:
         expression, points = item
-        programs = kept_programs(comm, description, lambda: _expression_programs(*item))
+        programs = kept_programs(comm, description, lambda: on_demand("programs of a form")(item))
         (mesh,) = ufl.domain.extract_domains(expression)
         constants = len(extract_constants(expression))
         made = structures.expression(programs, points, expression.ufl_shape, constants, mesh)
@@ -245,10 +157,7 @@ def _jit(comm: MPI.Intracomm, item: Any, form_compiler_options: Any = None, jit_
 def missing_in_programs(item: Any) -> str:
     """Return what a form, or an expression, has and programs do not; "" if they have all."""
     try:
-        if isinstance(item, ufl.Form):
-            _form_programs(item)
-        else:
-            _expression_programs(item, np.full((1, 3), 0.25))
+        on_demand("programs of a form")(item if isinstance(item, ufl.Form) else (item, np.full((1, 3), 0.25)))
     except NotAnalytic as reason:
         return str(reason)
     except Exception as error:  # UFL's errors have many types; whoever compiles the item reports it

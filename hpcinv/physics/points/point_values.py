@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.physics.points.array_interpreter import EXPRESSION
 from hpcinv.physics.points.interpreter import kernel_of
-from hpcinv.physics.points.program import Doubles, Integers
+from hpcinv.physics.points.program import EXPRESSION, Doubles, Integers
 from hpcinv.physics.points.program_files import Programs
 
 

@@ -17,6 +17,9 @@ from hpcinv.physics.points.scalar_graph import Node, NotAnalytic, ScalarGraph
 
 type Integers = npt.NDArray[np.int32]
 type Doubles = npt.NDArray[np.float64]
+type Place = tuple[str, int]
+"""kind of an integral, and its number among the form's integrals of this kind"""
+EXPRESSION: Place = "expression", 0
 
 OPERATIONS = (
     *("gather", "constant", "number", "add", "subtract", "multiply", "divide", "multiply_add", "subtract_product"),

@@ -128,4 +128,5 @@ class RemoteMotion(Border):
 
     def _wrench(self, forces: Floats) -> Floats:
         """Return force and moment of nodal forces (n, 3) on the region."""
-        return self._face.sum(np.concatenate([forces, np.cross(self._face.arms(self._sign), forces)], axis=1))
+        wrench: Floats = self._face.sum(np.concatenate([forces, np.cross(self._face.arms(self._sign), forces)], axis=1))
+        return wrench

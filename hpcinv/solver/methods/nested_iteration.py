@@ -7,8 +7,7 @@ Source: Hackbusch, *Multi-Grid Methods and Applications*, 1985, ch. 5, doi:10.10
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,43 +29,12 @@ from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import NESTED, UNLOADED, Guess, Start
-from hpcinv.solver.newton import Solve
+from hpcinv.solver.newton import CoarseSolve, Solve
 from hpcinv.solver.observer import IterationObserver, Observer, SolvedDirection, SolveEvent
 from hpcinv.solver.workspace import collect_garbage
 
 _MOST_CELLS = 0.5  # share of the cells above which the coarser mesh is not worth a solve
 _EFFORT = 40  # factorizations on coarser cells after which a solve there is given up
-
-
-@dataclass(frozen=True)
-class CoarseSolve:
-    """Report of the solve on coarser cells.
-
-    Attributes:
-        cells, unknowns: their numbers; 0 if there is no such mesh.
-        solves: all solves on the way to the full load.
-        unused: reason why the given mesh's solution was not found from it; empty if it was.
-    """
-
-    cells: int = 0
-    unknowns: int = 0
-    solves: tuple[Solve, ...] = ()
-    unused: str = ""
-
-    @property
-    def factorizations(self) -> int:
-        return sum(solve.factorizations for solve in self.solves)
-
-    def as_data(self) -> dict[str, Any]:
-        """Return the entry of the summary, as JSON data."""
-        return {
-            "cells": self.cells,
-            "unknowns": self.unknowns,
-            "factorizations": self.factorizations,
-            "newton_iterations": sum(len(solve.iterations) for solve in self.solves),
-            "load": max((solve.load for solve in self.solves if solve.outcome.accepted), default=0.0),
-            "unused": self.unused or None,
-        }
 
 
 def solve_nested(
@@ -85,7 +53,7 @@ def solve_nested(
     """
     if _is_interrupted(equations, observer, ()):  # what follows may take as long as the solve
         return _not_begun(equations, direction), None
-    if not _is_wanted(equations, direction):
+    if equations.job.solver.nested_iteration != "on" and not _has_cell_sizes(equations):
         return solve_direction(equations, direction, UNLOADED, observer), None
     with tangents_for(sum(equations.body.partition.cells)):  # with the kernels of the given mesh
         guess, coarse = _coarse_solution(equations, direction, observer, note)
@@ -106,15 +74,6 @@ def _not_begun(equations: Equations, direction: Direction) -> SolvedDirection:
     choice = equations.chooser.choose(equations.job.solver)
     used = Used(choice.configuration, choice.why, None)
     return SolvedDirection(direction, (), 0.0, used, stopped=True, can_restart=False, unused_options=None)
-
-
-def _is_wanted(equations: Equations, direction: Direction) -> bool:
-    job = equations.job
-    if job.solver.nested_iteration == "off" or job.unsuited_to_nested_iteration:
-        return False
-    if job.solver.nested_iteration == "on":
-        return True
-    return equations.chooser.is_nested_iteration_worth(job.solver, direction) and _has_cell_sizes(equations)
 
 
 def _has_cell_sizes(equations: Equations) -> bool:

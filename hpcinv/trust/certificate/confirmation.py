@@ -37,8 +37,8 @@ from hpcinv.base.quantity.spatial_fields import fields_in
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.model.discrete_model import default_quadrature
-from hpcinv.model.sliding import MatrixConstraint
 from hpcinv.model.weak_form import Part, WeakForm
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -109,7 +109,7 @@ def assembled(equations: Equations, solution: Solution) -> Iterator[PETSc.Mat]:
         matrix = fem_petsc.assemble_matrix(form, bcs=equations.supports.conditions)
         matrix.assemble()
         if equations.supports.sliding is not None:
-            constraint = MatrixConstraint(matrix, equations.supports.sliding)
+            constraint = on_demand("constraints of slides")(matrix, equations.supports.sliding)
             constraint.apply(_forces(equations) if equations.supports.is_curved else None)
             constraint.destroy()
     try:

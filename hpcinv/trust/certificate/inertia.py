@@ -12,7 +12,6 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.base.parallel.unlocked_petsc import set_up
-from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
 from hpcinv.solver.linear.ordering import order_by_nodes
@@ -54,7 +53,7 @@ class SymmetricFactors:
         inertia: number of signs in ``D``.
     """
 
-    def __init__(self, pc: PETSc.PC, asymmetry: float, director: DirectorUnknowns | None) -> None:
+    def __init__(self, pc: PETSc.PC, asymmetry: float, director: Any) -> None:
         self._pc, self._director = pc, director
         negative, zero, positive = pc.getFactorMatrix().getInertia()
         self.inertia = Inertia(int(negative), int(zero), int(positive), asymmetry)
@@ -82,7 +81,7 @@ def factorize_symmetric(
     low_rank: bool = False,
     minimum_fill: bool = False,
     unknowns: Unknowns | None = None,
-    director: DirectorUnknowns | None = None,
+    director: Any = None,
 ) -> SymmetricFactors | None:
     """Factorize the symmetric part of a matrix, unless kept factors will do; collective.
 
