@@ -24,7 +24,6 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.array_code import CsrCode
-from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.assembly.element_matrices import Block, ElementMatrices
 from hpcinv.model.assembly.moduli_at_points import moduli_at_points
 from hpcinv.model.assembly.pattern import pattern_of
@@ -63,7 +62,7 @@ class FilledTangent:
     def __init__(
         self,
         weak_form: WeakForm,
-        director: DirectorUnknowns | None = None,
+        director: Any = None,
     ) -> None:
         self._unknowns, self._director = weak_form.unknowns, director
         unknowns = weak_form.unknowns

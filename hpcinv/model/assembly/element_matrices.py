@@ -14,7 +14,6 @@ import numpy as np
 
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.source import Floats
-from hpcinv.model.assembly.director_unknowns import DirectorUnknowns
 from hpcinv.model.assembly.moduli_at_points import ModuliAtPoints
 from hpcinv.model.assembly.tangent_moduli import Slot
 from hpcinv.model.spaces import Unknowns
@@ -35,7 +34,7 @@ class ElementMatrices:
         blocks: blocks of the matrices, by test and trial functions.
     """
 
-    def __init__(self, moduli: ModuliAtPoints, unknowns: Unknowns, director: DirectorUnknowns | None = None) -> None:
+    def __init__(self, moduli: ModuliAtPoints, unknowns: Unknowns, director: Any = None) -> None:
         self._mesh = mesh = unknowns.mesh
         self._values, points, weights = moduli.values, moduli.points, moduli.weights
         owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
