@@ -89,7 +89,7 @@ def pytest_collection_finish() -> None:
     """Leave modules and tests, which stay, out of later collections of garbage: these are ten times as fast then.
 
     UFL keeps its cells: an element makes one with all its sides whenever it is asked, a tenth of a small run. Pictures
-    have a 16th of their pixels.
+    have a sixth of their pixels.
     """
     if elements := sys.modules.get("basix.ufl"):
         kept = functools.cache(sys.modules["ufl.cell"].Cell)
@@ -100,7 +100,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-SMALL_PICTURE = (250, 200)
+SMALL_PICTURE = (400, 320)
 """Pixels of a view in tests that do not look at it; a whole one takes half a second."""
 TESTS_BETWEEN_COLLECTIONS = 20
 """A test leaves up to 24 communicators in cyclic garbage; MPICH has 2,048 for a process, and crashes without one."""
