@@ -257,7 +257,7 @@ class Copy:
         """Return one of ``OUTCOMES``, and the test that failed."""
         file = self.root / fault.path
         source = file.read_bytes()
-        self._fill_cache()
+        shutil.rmtree(self._cache, ignore_errors=True)  # a fault may have left wrong programs there
         try:
             file.write_bytes(fault.planted(source))
             return self._outcome(nearest_tests(fault.path, self._pristine), limit)
@@ -297,13 +297,6 @@ class Copy:
                 os.killpg(process.pid, signal.SIGKILL)
                 return None
         return subprocess.CompletedProcess(command, process.returncode, output)
-
-    def _fill_cache(self) -> None:
-        """Link the kernels of the user's cache anew: a fault may leave wrong records in its own."""
-        shutil.rmtree(self._cache, ignore_errors=True)
-        kernels = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "fenics"
-        if kernels.is_dir():
-            shutil.copytree(kernels, self._cache / "fenics", copy_function=os.link)
 
 
 def folder_of(fault: Fault) -> str:
