@@ -50,7 +50,7 @@ from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cav
 from hpcinv.job.combinations import refusal, refused_combinations
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
-from hpcinv.job.interfaces import Interface
+from hpcinv.job.interfaces import Interface, faults_of_interfaces
 from hpcinv.job.kind_rules import KIND_RULES
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -519,6 +519,7 @@ class Job(Spec):
         yield from kind_rules.unsuited(self)
         yield from unsuited_controls(self)
         yield from refused_combinations(self)
+        yield from rules.below(("interfaces",), faults_of_interfaces(self.interfaces, self.directions))
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))

@@ -39,7 +39,7 @@ class Outcome(enum.Enum):
         "Take smaller steps (solver.minimum_step, solver.steps), or refine the mesh near a thin obstacle.",
     )
     CONTACT_LIMIT = (
-        "the penetration of a rigid obstacle remains too large",
+        "the pressures of contact do not settle",
         "Raise effects[i].penalty tenfold, or effects[i].penetration; refine the mesh where the body touches.",
     )
     STEP_LIMIT = "the path was followed for as many steps as it may"

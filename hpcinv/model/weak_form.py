@@ -132,7 +132,7 @@ class WeakForm:
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         modulus = _modulus(job, fields, scales)
         interfaces = job.interfaces
-        pairs = on_demand("interfaces")(interfaces, fields.body, unknowns, modulus) if interfaces else ()
+        pairs = on_demand("interfaces")(interfaces, fields.body, unknowns, kin.sign, modulus) if interfaces else ()
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, modulus, pairs)
         directions = {
             name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)

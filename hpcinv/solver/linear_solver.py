@@ -48,6 +48,7 @@ class LinearSolver:
         self._iterations, self._has_changed = 0, False
         self._is_refined = choice.is_refined
         self._factorized = -1  # number of the tangent that was factorized last
+        self._pattern = 0
         self._released = -1  # the same before its factors were released, as long as they exist
         with system.timings("set-up"):
             self.options = SolverOptions(options, where)
@@ -118,6 +119,9 @@ class LinearSolver:
         self._factorized, self._released = self.system.tangents, -1
 
     def _set_up(self) -> None:
+        if self._pattern != self.system.pattern:  # PETSc would free what MUMPS has of the nodes' order
+            self.ksp.pc.reset()
+            self._pattern = self.system.pattern
         self.ksp.pc.setReusePreconditioner(False)
         self.ksp.setOperators(self.system.matrix)
         self.configuration.prepare(self.ksp, self.system.matrix)

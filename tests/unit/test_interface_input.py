@@ -74,3 +74,23 @@ def test_without_an_interface_both_parts_must_be_held() -> None:
 def test_what_interfaces_do_not_meet_is_refused(changes: dict[str, Any], text: str) -> None:
     with pytest.raises(JobError, match=text):
         two_blocks(["bottom", "top"], **changes)
+
+
+@pytest.mark.parametrize("analysis", ["inverse", "round_trip"])
+def test_contact_of_bodies_needs_a_forward_analysis(analysis: str) -> None:
+    with pytest.raises(JobError, match=r"interfaces\[0\].kind: 'contact' needs 'analysis: forward'"):
+        two_blocks(["bottom", "top"], analysis=analysis, interfaces=[{"between": ["bottom", "top"], "kind": "contact"}])
+
+
+def test_bodies_in_contact_must_not_overlap_at_first() -> None:
+    given = {"analysis": "forward", "interfaces": [{"between": ["bottom", "top"], "kind": "contact"}]}
+    posed = two_blocks(["bottom", "top"], parameters={"gap": -0.1}, **given)
+    body = build_body(posed.mesh, posed.regions, MPI.COMM_SELF, resolve=posed.resolve, degree=2)
+    weak_form = Equations(posed, body, Timings()).weak_form("forward")
+    with pytest.raises(MeshError, match=r"'bottom' and 'top' of the unloaded bodies overlap by 0.1 m at \("):
+        weak_form.contacts.check_start()
+
+
+def test_friction_between_bodies_is_not_a_key_yet() -> None:
+    with pytest.raises(JobError, match="friction"):
+        two_blocks(["bottom", "top"], interfaces=[{"between": ["bottom", "top"], "kind": "contact", "friction": 0.2}])

@@ -25,6 +25,7 @@ class PairedTangent:
 
     Attributes:
         matrix: the sum.
+        pattern: number of its pattern.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class PairedTangent:
         symmetric: Any = PETSc.Mat.Option.SYMMETRIC  # its stub has the wrong type
         self.matrix.setOption(symmetric, False)
         self._versions: tuple[int, ...] = ()
+        self.pattern = 0
 
     def assemble(self, terms: Sequence[Any] = ()) -> None:
         """Assemble the sum at the present state, with additional terms of the body's tangent."""
@@ -52,6 +54,7 @@ class PairedTangent:
         self.matrix.zeroEntries()
         versions = tuple(pair.version for pair in self._pairs)
         structure = _SUBSET if versions == self._versions else _DIFFERENT
+        self.pattern += versions != self._versions
         self._versions = versions
         self.matrix.axpy(1.0, self._own, structure)
         for pair in self._pairs:

@@ -99,6 +99,11 @@ class System:
         return self._matrix[0]
 
     @property
+    def pattern(self) -> int:
+        """Number of the pattern of the last assembled tangent, which interfaces change."""
+        return 0 if self._paired is None else self._paired.pattern
+
+    @property
     def note(self) -> str:
         """Remark on an unusual assembly of the tangent; empty if there is none."""
         return self._tangent.note

@@ -52,7 +52,7 @@ class Jump:
         values = np.concatenate(
             [
                 np.abs(weighted)[:, :, None],
-                weighted[:, :, None] * segments.normals[:, None],
+                np.abs(weighted)[:, :, None] * segments.normals[:, None],
                 weighted[:, :, None] * jumps[:, None],
                 weighted[:, :, None],
             ],
@@ -70,9 +70,7 @@ class Jump:
             _summed(places, -weighted[:, :, None] * shapes[:, None], first.unknowns[i]),
             _summed(places, weighted[:, :, None] * opposite[:, None], second.unknowns[j]),
         ]
-        rows, unknowns, weights_of_unknowns = (np.concatenate(part) for part in zip(*parts, strict=True))
-        kept = self.areas[rows] > 0
-        self._rows, self._unknowns, self._weights = rows[kept], unknowns[kept], weights_of_unknowns[kept]
+        self._rows, self._unknowns, self._weights = (np.concatenate(part) for part in zip(*parts, strict=True))
 
     def normal_matrix(self, owned: int, *, means: bool) -> PETSc.Mat:
         """Return the matrix (functions, unknowns) of the jumps along the normals; collective.
@@ -90,6 +88,11 @@ class Jump:
         rows = 3 * self._rows[:, None] + np.arange(3)
         values = np.repeat(self._scaled(means), 3)
         return self._matrix(rows.ravel(), self._unknowns.ravel(), values, 3 * len(self.areas), owned)
+
+    def has_pattern_of(self, other: Jump) -> bool:
+        """Return whether both are sums of the same unknowns; collective."""
+        same = np.array_equal(self._rows, other._rows) and np.array_equal(self._unknowns, other._unknowns)
+        return bool(self._comm.allreduce(same, op=MPI.LAND))
 
     def _scaled(self, means: bool) -> Floats:
         scaled: Floats = self._weights * (self._inverse_areas[self._rows] if means else 1.0)

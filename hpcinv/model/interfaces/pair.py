@@ -2,17 +2,12 @@
 
 At each function ``N_i`` of the first surface a gap ``g_i`` is measured (`Jump`), and a traction ``λ_i`` acts,
 
-    R ← R - B_fᵀ λ,      λ = law(q - ε g),      g = c ± B_g u,
+    R ← R - B_fᵀ λ,      λ = law(q - ε s g),      g = c + s B_g u,
 
-where the rows of ``B_f`` and ``B_g`` are jumps on the body of the forces, and on the body of the gap. Both are constant
-during a solve. They, and ``q ← λ`` (augmented Lagrangian, Uzawa), are renewed between solves until they have settled.
-Each kind has its measure of the gap and of the law:
-
-=======  ==============================  ===========================
-kind     gap                             law
-=======  ==============================  ===========================
-tied     jump of the displacement        λ, three components
-=======  ==============================  ===========================
+where the rows of ``B_f`` are jumps on the loaded bodies. ``B_g`` are jumps where the gap is measured: there ``s = 1``,
+or on unloaded bodies of inverse problems, whose places are ``x - u``, ``s = -1``. Jumps are constant during a solve.
+They, and ``q ← λ`` (augmented Lagrangian, Uzawa), are renewed between solves until they have settled. The kinds are in
+`hpcinv.model.interfaces.kinds`.
 
 Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
 """
@@ -20,36 +15,37 @@ Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (19
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.jump import Jump
+from hpcinv.model.interfaces.kinds import LAWS
+from hpcinv.model.interfaces.nodal_functions import NodalFunctions
+from hpcinv.model.interfaces.pressed_segments import PressedSegments
 from hpcinv.model.interfaces.segments import segments
 from hpcinv.model.spaces import Unknowns
 
-_TOUCHING = 0.25
-"""Distance of surfaces, in radii of their largest facet, up to which they are tied. Raised, bodies that are apart are
-tied; lowered, curved surfaces with different meshes are refused."""
-_STIFF = 2.0**12
-"""Penalty of bilateral kinds, in shear moduli over the length of a facet; raised, fewer updates are needed, and the
-tangent is worse conditioned."""
-_CLOSED = 2.0**-42
-"""Gap of bilateral kinds, in lengths of the body, that counts as zero. Lowered, rounding errors prevent an end."""
+_DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
+_OVERLAP = 2.0**-6
+"""Overlap of unloaded bodies in contact that is refused, in lengths of the body."""
+_ROUNDED = 2.0**-26
+"""Overlap up to which the pressure of contact is rounded, in lengths of the body. Lowered, nodes that barely touch go
+in and out of contact; raised, bodies that only touch press on each other."""
 _MEMORY = 12
 """Updates whose differences accelerate the next one: nodes that supports hold leave multipliers that hardly move a gap,
 which would settle by a tenth in each update. Raised, rounding errors of small differences are added."""
-_WHERE_SHOWN = 3  # digits of lengths in messages
 
 
 class SurfacePair:
@@ -60,7 +56,12 @@ class SurfacePair:
     Args:
         where: place in the job.
         label: ending of the names of its fields.
+        sign: of the kinematics.
         modulus: typical shear modulus, scaled.
+
+    Attributes:
+        is_iterated: whether its tractions are found by iteration; else they are given.
+        version: number of the pattern of `stiffness`.
 
     Raises:
         MeshError: on all ranks, if the surfaces do not face each other, or are apart.
@@ -69,32 +70,33 @@ class SurfacePair:
     depends_on_state = False
     """False: it exerts no force on the body as a whole."""
     has_uniform_penalty = False
-    is_iterated = True
-    version = 0
-    """number of the pattern of `stiffness`"""
 
-    def __init__(self, where: str, label: str, spec: Interface, body: Body, unknowns: Unknowns, modulus: float) -> None:
-        self.where, self.spec, self._label = where, spec, label
-        self._body, self._unknowns, self._comm = body, unknowns, body.mesh.comm
+    def __init__(
+        self, where: str, label: str, spec: Interface, body: Body, unknowns: Unknowns, sign: int, modulus: float
+    ) -> None:
+        self.where, self.spec, self._label, self._law = where, spec, label, LAWS[spec.kind]
+        self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
+        self.is_iterated, self.version = self._law.pulls or sign > 0, 0
         first, second = (self._region(name) for name in spec.between)
-        self._is_swapped = spec.kind != "contact" and self._size(first) < self._size(second)
+        self._is_swapped = self._law.pulls and self._size(first) < self._size(second)
         if self._is_swapped:
             first, second = second, first
         self._first, self._second = first, second
         self._owned = unknowns.space.dofmap.index_map.size_local * unknowns.space.dofmap.index_map_bs
-        chosen = first.nodes if spec.kind == "tied" else first.nodes[:, : first.kind.corner_count]
+        corners = not self._law.has_vectors
+        chosen = first.nodes[:, : first.kind.corner_count] if corners else first.nodes
         self._names: Ints = np.unique(np.concatenate(self._comm.allgather(np.unique(chosen))))
-        self._q: Floats = np.zeros(self._rows)
-        self._before_update: Floats | None = None
-        self._updates = list[tuple[Floats, Floats]]()
+        self._functions = NodalFunctions(self._names, body, unknowns, corners=corners)
         self.update_modulus(modulus)
-        self._given = self._jump(body.given_nodes / body.length_scale)
+        self.reset()
+        self._given, pressed = self._searched(body.given_nodes / body.length_scale, None)
+        if not self._given.areas.any():
+            self._refuse(*self._facets(body.given_nodes / body.length_scale))
+        self._offsets: Floats = np.zeros(len(self._q))
+        self._pressing: Booleans = np.zeros(0, dtype=np.bool_)
         self._force_jump = self._gap_jump = self._given
-        self._set_matrices()
-
-    @property
-    def _rows(self) -> int:
-        return 3 * len(self._names)
+        self._place: tuple[Floats, Floats] | None = None
+        self._set_jumps(self._given, self._given, pressed)
 
     def _region(self, name: str) -> RegionFacets:
         facets = self._body.boundary_facets(name, "An interface is between two regions of the boundary.")
@@ -111,79 +113,97 @@ class SurfacePair:
         size: float = round(total / max(count, 1), 12)
         return size
 
-    def _jump(self, nodes: Floats, u: Floats | None = None) -> Jump:
+    def _facets(self, nodes: Floats, u: Floats | None = None) -> tuple[Facets, Facets]:
+        return self._first.at(nodes, u), gathered(self._second.at(nodes, u), self._comm)
+
+    def _jump(self, nodes: Floats, u: Floats) -> Jump:
+        jump, pressed = self._searched(nodes, u)
+        if pressed is not None:
+            pressed.destroy()
+        return jump
+
+    def _searched(self, nodes: Floats, u: Floats | None) -> tuple[Jump, PressedSegments | None]:
         """Return the jumps where the geometry nodes are (scaled), plus a displacement of the nodes of its space."""
-        first, second = self._first.at(nodes, u), gathered(self._second.at(nodes, u), self._comm)
-        reach = _TOUCHING * float(second.radii.max(initial=0.0))
-        found = segments(first, second, reach)
-        if not self._comm.allreduce(len(found.weights)):
-            self._refuse(first, second)
-        corners = self.spec.kind != "tied"
-        return Jump(self._names, corners=corners, first=first, second=second, segments=found, comm=self._comm)
+        first, second = self._facets(nodes, u)
+        found = segments(first, second, self._law.reach * float(second.radii.max(initial=0.0)))
+        corners = not self._law.has_vectors
+        jump = Jump(self._names, corners=corners, first=first, second=second, segments=found, comm=self._comm)
+        if not self._law.is_renewed:
+            return jump, None
+        return jump, PressedSegments(self._names, first, second, found, self._owned, self._comm)
 
     def _refuse(self, first: Facets, second: Facets) -> None:
         """Raise an error about surfaces that are not near each other."""
-        length, (a, b) = self._body.length_scale, self.spec.between
-        found = segments(first, second, np.inf)
-        size = np.abs(found.gaps)
-        gap = found.gaps[size.argmin()] if len(size) else np.inf
-        gaps = np.array(self._comm.allgather(float(gap)))
-        gap = gaps[np.abs(gaps).argmin()] * length
+        (a, b), found = self.spec.between, segments(first, second, np.inf)
+        nearest = found.gaps[np.abs(found.gaps).argmin()] if len(found.gaps) else np.inf
+        gaps = np.array(self._comm.allgather(float(nearest)))
+        gap = float(gaps[np.abs(gaps).argmin()] * self._body.length_scale)
         if not np.isfinite(gap):
             raise MeshError(
                 f"{self.where}.between: '{a}' and '{b}' do not face each other",
-                "Name two surfaces whose outer normals point to each other, the finer one first.",
+                "Name two surfaces whose outer normals point to each other.",
             )
         what = "apart" if gap > 0 else "into each other"
         raise MeshError(
-            f"{self.where}.between: '{a}' and '{b}' are {abs(gap):.{_WHERE_SHOWN}g} m {what}: they cannot be tied",
+            f"{self.where}.between: '{a}' and '{b}' are {abs(gap):.3g} m {what}: they cannot be {self.spec.kind}",
             "Move the bodies together, or mesh them up to a common surface.",
         )
 
-    def _set_matrices(self) -> None:
-        self._destroy_matrices()
-        self.version += 1
-        self._force_matrix = self._force_jump.vector_matrix(self._owned, means=False)
-        self._gap_matrix = self._gap_jump.vector_matrix(self._owned, means=True)
-        areas = np.repeat(self._force_jump.areas, 3)
+    # Algebra of the multipliers; all ranks have all of them.
+
+    def _set_jumps(self, forces: Jump, gaps: Jump, pressed: PressedSegments | None) -> None:
+        is_new = self.version == 0 or not (
+            forces.has_pattern_of(self._force_jump) and gaps.has_pattern_of(self._gap_jump)
+        )
+        self.version += is_new
+        self._force_jump, self._gap_jump = forces, gaps
+        self.destroy()
+        self._pressed = pressed
+        if self._law.has_vectors:
+            self._force_matrix = forces.vector_matrix(self._owned, means=False)
+            self._gap_matrix = gaps.vector_matrix(self._owned, means=True)
+        else:
+            self._gap_matrix = gaps.normal_matrix(self._owned, means=True)
+        areas = np.repeat(np.minimum(forces.areas, gaps.areas), 3 if self._law.has_vectors else 1)
         self._penalties = np.where(areas > 0, self._stiffness / np.sqrt(np.where(areas > 0, areas, 1.0)), 0.0)
         self._left: PETSc.Vec = self._gap_matrix.createVecLeft()
         self._right: PETSc.Vec = self._gap_matrix.createVecRight()
 
-    def _destroy_matrices(self) -> None:
+    def destroy(self) -> None:
+        """Free PETSc objects."""
         for name in ("_force_matrix", "_gap_matrix", "_left", "_right"):
             if name in vars(self):
                 getattr(self, name).destroy()
+        if "_pressed" in vars(self) and self._pressed is not None:
+            self._pressed.destroy()
 
     def update_modulus(self, modulus: float) -> None:
         """Take another typical shear modulus (scaled)."""
-        self._stiffness = _STIFF * modulus
+        self._stiffness = self._law.penalty * modulus
 
     @property
     def _tolerance(self) -> float:
-        return _CLOSED * self._body.length
-
-    def _on_all_ranks(self, vector: PETSc.Vec) -> Floats:
-        return np.concatenate(self._comm.allgather(np.array(vector.array)))
+        return self._law.settled[0] * self._body.length
 
     def _put_in_rows(self, values: Floats) -> None:
         start, end = self._left.getOwnershipRange()
         self._left.array[:] = values[start:end]
 
     def _products(self, x: PETSc.Vec) -> Floats:
-        """Return the changes of all gaps by a vector of the unknowns."""
+        """Return the jumps of a vector of the unknowns where gaps are measured, in the mean around each node."""
         self._gap_matrix.mult(x, self._left)
-        return self._on_all_ranks(self._left)
+        return np.concatenate(self._comm.allgather(np.array(self._left.array)))
 
-    def _gaps(self) -> Floats:
-        return self._products(self._unknowns.state.x.petsc_vec)
-
-    def _law(self, trial: Floats) -> tuple[Floats, Floats]:
-        """Return tractions and their derivatives by the trial tractions ``q - ε g``."""
-        return trial, np.ones_like(trial)
+    def _signed_gaps(self) -> Floats:
+        """Return ``s g``."""
+        return self._offsets + self._products(self._unknowns.state.x.petsc_vec)
 
     def _tractions(self) -> tuple[Floats, Floats]:
-        return self._law(self._q - self._penalties * self._gaps())
+        """Return tractions, and their derivatives by trial values."""
+        if not self.is_iterated:
+            return self._q, np.zeros_like(self._q)
+        width = self._penalties * _ROUNDED * self._body.length
+        return self._law(self._q - self._penalties * self._signed_gaps(), width)
 
     def add_forces(self, forces: Floats) -> None:
         """Subtract the nodal forces of the tractions from residuals (owned unknowns at first)."""
@@ -192,14 +212,33 @@ class SurfacePair:
     def add_products(self, x: PETSc.Vec, forces: Floats) -> None:
         """Add the stiffness times a vector of the unknowns to residuals (owned unknowns at first)."""
         self._add_transposed(self._slopes() * self._products(x), forces)
+        if self._pressed is not None and self._sign > 0:
+            turning = self._pressed.turning(self._tractions()[0], self._first_points())
+            turning.mult(x, self._right)
+            forces[: self._owned] -= self._right.array
+            turning.destroy()
+
+    def _first_points(self) -> Floats:
+        """Return the present places of the nodes of the first surface of the loaded body, (facets, nodes, 3)."""
+        unknowns = self._unknowns
+        u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes] if self._sign > 0 else None
+        return self._first.at(self._body.mesh.geometry.x, u).points
 
     def _slopes(self) -> Floats:
         return self._penalties * self._tractions()[1]
 
     def _add_transposed(self, values: Floats, forces: Floats) -> None:
-        self._put_in_rows(values)
-        self._force_matrix.multTranspose(self._left, self._right)
+        if self._pressed is not None:
+            self._pressed.forces(values, self._first_points(), self._right)
+        else:
+            self._put_in_rows(values)
+            self._force_matrix.multTranspose(self._left, self._right)
         forces[: self._owned] += self._right.array
+
+    def _nodal_forces(self, tractions: Floats) -> Floats:
+        forces = np.zeros(self._owned)
+        self._add_transposed(tractions, forces)
+        return forces
 
     def stiffness(self, free: PETSc.Vec) -> PETSc.Mat:
         """Return a new matrix, the derivative of the forces without the rows and columns of unknowns that are not free.
@@ -207,14 +246,18 @@ class SurfacePair:
         Args:
             free: 1 for free unknowns, 0 for others.
         """
-        slopes = self._slopes()
-        forces, gaps = self._force_matrix.copy(), self._gap_matrix.copy()
+        slopes, gaps, pressed = self._slopes(), self._gap_matrix.copy(), self._pressed
+        forces = self._force_matrix.copy() if pressed is None else pressed.force_matrix(self._first_points())
         self._put_in_rows(slopes)
         forces.diagonalScale(None, free)
         gaps.diagonalScale(self._left, free)
         product = forces.transposeMatMult(gaps)
         forces.destroy()
         gaps.destroy()
+        if pressed is not None and self._sign > 0:
+            turning = pressed.turning(self._tractions()[0], self._first_points(), free)
+            product.axpy(-1.0, turning, _DIFFERENT)
+            turning.destroy()
         return product
 
     # The part of a contact.
@@ -223,24 +266,56 @@ class SurfacePair:
         """Return None: bodies that pass through each other are not followed."""
 
     def reset(self) -> None:
-        self._q = np.zeros(self._rows)
-        self._before_update, self._updates = None, []
+        self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
+        self._before_update: Floats | None = None
+        self._updates = list[tuple[Floats, Floats]]()
 
     def locate(self) -> None:
-        """Renew the jumps at the present state, unless they are constant."""
+        """Renew the jumps at the present state, unless they are constant, or it has not changed since."""
+        if not self._law.is_renewed:
+            return
+        unknowns, x = self._unknowns, self._body.mesh.geometry.x
+        u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
+        here = self._place is not None and all(map(np.array_equal, self._place, (x, u)))
+        if self._comm.allreduce(here, op=MPI.LAND):
+            return
+        self._place = x.copy(), u.copy()
+        current, pressed = self._searched(x, u if self._sign > 0 else None)
+        unloaded = self._sign < 0 and self._law.pulls
+        self._set_jumps(current, self._jump(x, -u) if unloaded else current, pressed)
+        gaps = self._gap_jump.gaps - (self._given.gaps if self._law.pulls else 0.0)
+        measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
+        self._offsets = self._sign * measured - self._products(unknowns.state.x.petsc_vec)
 
     def change(self) -> tuple[float, Callable[[], None]]:
-        """Return the change by an update, over the largest at which it has settled, and a function that makes it."""
-        after = self._tractions()[0]
-        changes = np.abs(after - self._q) / np.where(self._penalties > 0, self._penalties, np.inf)
+        """Return the change by an update, over the largest at which it has settled, and a function that makes it.
+
+        The jumps are renewed in any case.
+        """
+        (after, slopes), gaps = self._tractions(), self._signed_gaps()
+        forces = self._nodal_forces(after)
+        pressing = slopes > 0
+        changes = np.where(self._penalties > 0, np.abs(after - self._q), 0.0)
+        size = float((changes / np.where(self._penalties > 0, self._penalties, 1.0)).max(initial=0.0))
+        sizes = [size / self._tolerance]
+        if self._law.is_renewed:
+            self.locate()
+            moved = np.where(pressing, np.abs(self._signed_gaps() - gaps), 0.0)
+            sizes.append(float(moved.max(initial=0.0)) / self._tolerance)
+            turned = np.abs(self._nodal_forces(after) - forces).max(initial=0.0), np.abs(forces).max(initial=0.0)
+            difference, largest = (self._comm.allreduce(float(number), op=MPI.MAX) for number in turned)
+            sizes.append(difference / (self._law.settled[1] * largest) if largest else 0.0)
 
         def apply() -> None:
-            self._before_update, self._q = self._q, self._accelerated(after - self._q)
+            self._before_update, self._q = self._q, self._accelerated(after - self._q, pressing)
 
-        return float(changes.max(initial=0.0)) / self._tolerance, apply
+        return max(sizes), apply
 
-    def _accelerated(self, change: Floats) -> Floats:
+    def _accelerated(self, change: Floats, pressing: Booleans) -> Floats:
         """Return the next multipliers, for the change that a plain update would make (Anderson's acceleration)."""
+        if self._updates and not np.array_equal(pressing, self._pressing):
+            self._updates = []
+        self._pressing = pressing
         self._updates = [*self._updates[-_MEMORY:], (self._q, change)]
         q, changes = (np.array(part) for part in zip(*self._updates, strict=True))
         after: Floats = self._q + change
@@ -248,7 +323,7 @@ class SurfacePair:
             steps, differences = np.diff(q, axis=0), np.diff(changes, axis=0)
             shares = np.linalg.lstsq(differences.T, change, rcond=1e-10)[0]
             after = after - shares @ (steps + differences)
-        return after
+        return after if self._law.pulls else np.maximum(after, 0.0)
 
     def halve_update(self) -> None:
         self._updates = []
@@ -256,94 +331,91 @@ class SurfacePair:
             self._q = (self._before_update + self._q) / 2
 
     def check_start(self) -> None:
-        """Check the present state before the first solve."""
+        """Check the present state, the unloaded body's, before the first solve.
+
+        Raises:
+            MeshError: on all ranks, if bodies in contact overlap.
+        """
+        gaps, (a, b) = self._given.gaps, self.spec.between
+        if self._law.pulls or self._sign < 0 or not gaps.min(initial=0.0) < -_OVERLAP * self._body.length:
+            return
+        worst = int(gaps.argmin())
+        first = self._first.at(self._body.given_nodes)
+        found = [first.points[row, k] for row, k in np.argwhere(first.nodes == self._names[worst])[:1]]
+        place = next(part for parts in self._comm.allgather(found) for part in parts)
+        raise MeshError(
+            f"{self.where}.between: '{a}' and '{b}' of the unloaded bodies overlap by"
+            f" {-gaps[worst] * self._body.length_scale:.3g} m at ({', '.join(f'{c:.4g}' for c in place + 0.0)}) m",
+            "Move the bodies apart; a motion of a support may press them together.",
+        )
 
     def restore(self, report: ContactReport, scales: Scales, transfer: Callable[[fem.Function], fem.Function]) -> None:
         """Set the multipliers to a solution's."""
         _, *components = report.fields
-        mine = np.zeros((len(self._names), 3))
-        nodes, places = self._own_nodes
-        for axis, component in enumerate(components):
-            mine[places, axis] = transfer(component).x.array[nodes] / scales.stress
-        self._q = np.asarray(self._comm.allreduce(mine, op=MPI.SUM)).ravel()
-
-    @property
-    def _own_nodes(self) -> tuple[Ints, Ints]:
-        """Owned nodes of the displacement that have a function, and the numbers of the functions."""
-        local, places = self._local_nodes
-        is_owned = local < self._unknowns.displacement_space.dofmap.index_map.size_local
-        return local[is_owned], places[is_owned]
-
-    @property
-    def _local_nodes(self) -> tuple[Ints, Ints]:
-        index_map = self._unknowns.displacement_space.dofmap.index_map
-        count = index_map.size_local + index_map.num_ghosts
-        numbers = index_map.local_to_global(np.arange(count, dtype=np.int32))
-        local = np.flatnonzero(np.isin(numbers, self._names))
-        return local, np.searchsorted(self._names, numbers[local])
+        values = [self._functions.values(transfer(component)) / scales.stress for component in components]
+        self._q = -np.stack(values, axis=1).ravel() if self._law.has_vectors else values[0]
+        self._updates = []
 
     def report(self, scales: Scales) -> ContactReport:
         """Return the results of the present state."""
-        tractions, jump = self._tractions()[0].reshape(-1, 3), self._force_jump
-        gaps = np.linalg.norm(self._gaps().reshape(-1, 3), axis=1)
-        pressures = -np.einsum("ni,ni->n", tractions, jump.normals) * scales.stress
-        force = self._total_force() * scales.stress * scales.length**2
-        widest = float(gaps.max(initial=0.0)) * scales.length
-        fields = [self._at_vertices(f"interface_pressure{self._label}", pressures)]
-        fields += [
-            self._at_nodes(f"interface_traction_{axis}{self._label}", tractions[:, i] * scales.stress)
-            for i, axis in enumerate("xyz")
-        ]
+        tractions, unit = self._tractions()[0], scales.stress
+        gaps = self._signed_gaps() * self._sign
+        if self._law.has_vectors:
+            vectors = tractions.reshape(-1, 3)
+            sizes, gaps = np.linalg.norm(vectors, axis=1), np.linalg.norm(gaps.reshape(-1, 3), axis=1)
+            pressures = np.einsum("ni,ni->n", vectors, self._force_jump.normals)
+            parts = {f"traction_{axis}": -vectors[:, i] for i, axis in enumerate("xyz")}
+        else:
+            pressures, sizes = tractions, np.abs(tractions)
+            parts = {"multiplier": tractions}
+        touched = self._force_jump.areas > 0
+        widest = np.abs(gaps) if self._law.pulls else -gaps
+        fields = [self._functions.made(f"interface_pressure{self._label}", pressures * unit, corners=True)]
+        fields += [self._functions.made(f"interface_{n}{self._label}", v * unit) for n, v in parts.items()]
+        force = self._total_force(tractions) * unit * scales.length**2
+        shares = self._force_jump.areas / max(float(self._force_jump.areas.sum()), np.finfo(float).tiny)
         return ContactReport(
             where=self.where,
             region=self.spec.between[0],
-            assumption=f"tied to '{self.spec.between[1]}'",
+            assumption=self._assumption,
             force=(float(force[0]), float(force[1]), float(force[2])),
-            area=jump.area * scales.length**2,
-            penetration=widest,
-            distance=widest,
-            largest_pressure=float(np.linalg.norm(tractions, axis=1).max(initial=0.0)) * scales.stress,
+            area=self._force_jump.area * float(shares[sizes > 0].sum()) * scales.length**2,
+            penetration=float(widest[touched].max(initial=0.0)) * scales.length,
+            distance=float(np.abs(gaps[sizes > 0.01 * sizes.max(initial=0.0)]).max(initial=0.0)) * scales.length,
+            largest_pressure=float(sizes.max(initial=0.0)) * unit,
             tolerance=self._tolerance * scales.length,
-            is_given=False,
+            is_given=not self.is_iterated,
             penalty=None,
             fields=tuple(fields),
         )
 
-    def _total_force(self) -> Floats:
-        """Return the force (3,) on the first surface, scaled."""
-        forces = np.zeros(self._owned)
-        self._add_transposed(self._tractions()[0], forces)
+    @property
+    def _assumption(self) -> str:
+        other = self.spec.between[1]
+        texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
+        if not self.is_iterated:
+            return f"pressure on '{other}' as in the forward solution"
+        return texts.get(self.spec.kind, f"on '{other}', without friction")
+
+    def _total_force(self, tractions: Floats) -> Floats:
+        """Return the force (3,) on the first region of the job, scaled."""
         local = np.unique(self._first.local_nodes)
         local = local[local < self._unknowns.displacement_space.dofmap.index_map.size_local]
         dofs = self._unknowns.displacement_dofs_of_nodes[local]
-        total: Floats = self._comm.allreduce(forces[dofs].sum(axis=0), op=MPI.SUM)
+        total: Floats = self._comm.allreduce(self._nodal_forces(tractions)[dofs].sum(axis=0), op=MPI.SUM)
         return -total if self._is_swapped else total
 
-    def _at_nodes(self, name: str, values: Floats) -> fem.Function:
-        function = fem.Function(fem.functionspace(self._body.mesh, self._unknowns.scalar_elements[0]), name=name)
-        nodes, places = self._local_nodes
-        function.x.array[nodes] = values[places]
-        return function
 
-    def _at_vertices(self, name: str, values: Floats) -> fem.Function:
-        function = fem.Function(fem.functionspace(self._body.mesh, ("Lagrange", 1)), name=name)
-        vertices = vertex_count(self._body.source.kind)
-        nodes, places = self._local_nodes
-        nodal = np.zeros(len(self._unknowns.displacement_dofs_of_nodes))
-        nodal[nodes] = values[places]
-        dofs = self._unknowns.displacement_space.dofmap.list[:, :vertices]
-        function.x.array[function.function_space.dofmap.list] = nodal[dofs]
-        return function
+def pairs_of(
+    interfaces: Sequence[Interface], body: Body, unknowns: Unknowns, sign: int, modulus: float
+) -> list[SurfacePair]:
+    """Return the interfaces of a job; collective.
 
-    def destroy(self) -> None:
-        """Free PETSc objects."""
-        self._destroy_matrices()
-
-
-def pairs_of(interfaces: Sequence[Interface], body: Body, unknowns: Unknowns, modulus: float) -> list[SurfacePair]:
-    """Return the interfaces of a job; collective."""
+    Args:
+        sign: of the kinematics.
+    """
     labels = [""] if len(interfaces) == 1 else [f"_{i}" for i in range(len(interfaces))]
     return [
-        SurfacePair(f"interfaces[{i}]", label, spec, body, unknowns, modulus)
+        SurfacePair(f"interfaces[{i}]", label, spec, body, unknowns, sign, modulus)
         for i, (label, spec) in enumerate(zip(labels, interfaces, strict=True))
     ]

@@ -61,7 +61,8 @@ def segments(first: Facets, second: Facets, reach: float) -> Segments:
     """Return the segments of facets that face each other; not collective.
 
     Args:
-        reach: largest distance (scaled) of surfaces that face each other, and depth of an overlap.
+        reach: largest distance (scaled) of surfaces that face each other, and depth of an overlap. No overlap is deeper
+            than two facets are wide: it would be the other side of a body.
     """
     parts = (
         [
@@ -99,7 +100,8 @@ def _segments(first: Facets, second: Facets, reach: float, chosen: Ints) -> Segm
     outer = area / np.where(size > 0, size, 1.0)[:, None]
     slant = np.einsum("ni,ni->n", outer, normals)
     gaps = np.einsum("ni,ni->n", y - x, normals)
-    good = is_here & is_there & (slant > 0) & (np.abs(gaps) <= reach)
+    depth = np.minimum(first.radii[i] + second.radii[j], reach)
+    good = is_here & is_there & (slant > 0) & (gaps <= reach) & (gaps >= -depth)
     weights = plane_weights / np.where(good, slant, 1.0)
     return Segments(i[good], j[good], here[good], there[good], weights[good], outer[good], gaps[good])
 
