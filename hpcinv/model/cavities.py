@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
 
 import numpy as np
 from dolfinx.mesh import entities_to_geometry
@@ -13,7 +11,6 @@ from petsc4py import PETSc
 
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.base.quantity.schema import KeyPath
-from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
@@ -22,57 +19,13 @@ from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.constraint_report import ConstraintReport
+from hpcinv.model.constraint_report import CavityReport
 from hpcinv.model.weak_form import WeakForm
 
 _UNEVEN = 0.1
 """Height of a rim over its plane, relative to √area, that is warned of; a larger one passes rims of symmetric parts."""
 _EMPTY = 1e-9
 """Volume of a cavity, relative to its body's length cubed, that counts as 0; raised, thin gaps hold no gas."""
-
-
-@dataclass(frozen=True)
-class CavityReport(ConstraintReport):
-    """A cavity whose pressure was unknown, in a solution. All in SI.
-
-    Attributes:
-        control: as it was given.
-        pressure: that the solve found.
-        volume: in the loaded body; unloaded_volume: in the unloaded body.
-        residual: of its equation, relative to the larger volume.
-        compliance: fall of the volume with the pressure of its gas or windkessel (m³/Pa), 0 with a given volume.
-    """
-
-    section: ClassVar[str] = "cavities"
-    what: ClassVar[str] = "the pressure of a cavity"
-
-    name: str
-    control: Cavity
-    pressure: float
-    volume: float
-    unloaded_volume: float
-    residual: float
-    compliance: float = 0.0
-
-    @property
-    def label(self) -> str:
-        return self.name
-
-    @property
-    def note(self) -> str:
-        return f"pressure {readable(self.pressure, 'Pa', 6)}, volume {readable(self.volume, 'm^3', 6)}"
-
-    def as_data(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "control"}
-
-    def given_in(self, job: Job) -> Job:
-        return job.with_pressures({self.name: self.pressure})
-
-    def posed_in(self, job: Job) -> Job:
-        return job.model_copy(update={"cavities": {**job.cavities, self.name: self.control}})
-
-    def shifted(self, step: Sequence[float]) -> CavityReport:
-        return replace(self, pressure=self.pressure + float(step[0]))
 
 
 def enclosed_volume(job: Job, body: Body, name: str) -> EnclosedVolume:

@@ -2,69 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
-from hpcinv.job.job import Job
-from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import Motion
 from hpcinv.mesh.source import Floats
-from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.kinematics.rigid_motion import rotation_matrix, rotation_vector
-
-
-@dataclass(frozen=True)
-class RemoteReport(ConstraintReport):
-    """A region under a remote load, in a solution. All in SI.
-
-    Attributes:
-        support: number of the support in the job.
-        load: as it was given.
-        motion: from the unloaded to the loaded body; its axis goes through the reference point.
-        residual: force or moment that is not balanced, relative to the nodal forces on the region or their moments.
-    """
-
-    section: ClassVar[str] = "remote_loads"
-    what: ClassVar[str] = "the motion under a remote load"
-    count: ClassVar[int] = 6
-
-    region: str
-    support: int
-    load: RemoteLoad
-    motion: Motion
-    residual: float
-
-    @property
-    def moved(self) -> str:
-        """Displacement of the reference point as text."""
-        return f"({', '.join(f'{c + 0.0:.4g}' for c in self.motion.move)}) m"
-
-    @property
-    def label(self) -> str:
-        return self.region
-
-    @property
-    def note(self) -> str:
-        return f"turned by {np.degrees(self.motion.rotate):.4g}°, moved by {self.moved}"
-
-    def as_data(self) -> dict[str, Any]:
-        motion = self.motion.model_dump(mode="json")
-        return {"region": self.region, **self.load.model_dump(mode="json"), "motion": motion, "residual": self.residual}
-
-    def given_in(self, job: Job) -> Job:
-        return job.with_motions({self.support: self.motion})
-
-    def posed_in(self, job: Job) -> Job:
-        supports = list(job.supports)
-        supports[self.support] = supports[self.support].model_copy(update={"motion": None, "remote": self.load})
-        return job.model_copy(update={"supports": tuple(supports)})
 
 
 class RemoteFace:

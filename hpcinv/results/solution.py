@@ -1,7 +1,6 @@
 """The solution in one direction, and its evaluation from the present state of the equations."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from dolfinx.fem import Function
@@ -9,7 +8,7 @@ from dolfinx.fem import Function
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.model.cell_means import LayerValues
-from hpcinv.model.constraint_report import ConstraintReport, of_section
+from hpcinv.model.constraint_report import CavityReport, ConstraintReport, RemoteReport, of_kind
 from hpcinv.model.state import State
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.physics.effects import Direction
@@ -56,14 +55,14 @@ class Solution(State):
         return self.job.state
 
     @property
-    def cavities(self) -> tuple[Any, ...]:
-        """Reports of the cavities of unknown pressure (`hpcinv.model.cavities`)."""
-        return of_section(self.constraints, "cavities")
+    def cavities(self) -> tuple[CavityReport, ...]:
+        """Cavities of unknown pressure."""
+        return of_kind(self.constraints, CavityReport)
 
     @property
-    def remote_loads(self) -> tuple[Any, ...]:
-        """Reports of the regions under remote loads (`hpcinv.model.remote_loads`)."""
-        return of_section(self.constraints, "remote_loads")
+    def remote_loads(self) -> tuple[RemoteReport, ...]:
+        """Regions under remote loads."""
+        return of_kind(self.constraints, RemoteReport)
 
     @property
     def sign(self) -> int:

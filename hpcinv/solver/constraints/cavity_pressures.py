@@ -12,8 +12,8 @@ from hpcinv.job.sensitivities import Parameter
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
-from hpcinv.model.cavities import CavityEquation, CavityReport, cavity_equations
-from hpcinv.model.constraint_report import ConstraintReport, of_kind
+from hpcinv.model.cavities import CavityEquation, cavity_equations
+from hpcinv.model.constraint_report import CavityReport, ConstraintReport, of_kind
 from hpcinv.model.discrete_model import DiscreteModel
 from hpcinv.solver.constraints.load_numbers import LoadNumbers
 

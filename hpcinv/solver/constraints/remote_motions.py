@@ -24,9 +24,8 @@ from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
-from hpcinv.model.constraint_report import ConstraintReport
+from hpcinv.model.constraint_report import ConstraintReport, RemoteReport
 from hpcinv.model.discrete_model import DiscreteModel
-from hpcinv.model.remote_loads import RemoteReport
 from hpcinv.solver.border import Border
 
 
