@@ -41,7 +41,7 @@ class DiscretisationCheck(Check):
             yield skipped(DISCRETISATION, f"is not estimated where {solution.constraints[-1].what} is unknown")
             return
         if solution.job.interfaces:
-            yield skipped(DISCRETISATION, "is not estimated where interfaces join surfaces: compare two meshes")
+            yield skipped(DISCRETISATION, "interfaces join surfaces: compare two meshes")
             return
         is_asked = solution.job.certificate.estimate
         if run.estimate is None and is_asked:

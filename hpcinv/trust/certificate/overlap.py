@@ -46,7 +46,7 @@ class OverlapCheck(Check):
             yield skipped(OVERLAP, "switched off: certificate.overlap")
             return
         if run.solution.job.interfaces:
-            yield skipped(OVERLAP, "is not checked where surfaces of interfaces touch each other")
+            yield skipped(OVERLAP, "surfaces of interfaces touch each other")
             return
         if (facets := body.regions[BOUNDARY].facet_count) > MOST_FACETS:
             yield skipped(OVERLAP, f"there are {facets} of them, and one rank searches no more than {MOST_FACETS}")
