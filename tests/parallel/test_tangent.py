@@ -17,8 +17,9 @@ from ufl.algorithms import expand_derivatives
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.csr_tangent import FilledTangent
 from hpcinv.model.assembly.system import System
-from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
+from hpcinv.model.assembly.tangent import FormTangent, tangent_of, tangents_for
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.solver.equations import Equations
 

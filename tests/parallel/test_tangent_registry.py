@@ -28,8 +28,9 @@ from hpcinv.driver import run
 from hpcinv.errors import SystemPartMissing
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body
+from hpcinv.model.assembly.csr_tangent import FilledTangent
 from hpcinv.model.assembly.moduli_at_points import moduli_at_points
-from hpcinv.model.assembly.tangent import FilledTangent, FormTangent, tangent_of, tangents_for
+from hpcinv.model.assembly.tangent import FormTangent, tangent_of, tangents_for
 from hpcinv.output.progress import Progress
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws

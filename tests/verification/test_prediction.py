@@ -12,7 +12,8 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh import build_body
-from hpcinv.model.assembly.tangent import FilledTangent, tangents_for
+from hpcinv.model.assembly.csr_tangent import FilledTangent
+from hpcinv.model.assembly.tangent import tangents_for
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.predictor import Increment

@@ -58,6 +58,7 @@ class FilledTangent:
     """
 
     note = ""
+    is_filled = True
 
     def __init__(
         self,
