@@ -23,6 +23,20 @@ _BALANCED = 0.01
 """Share of the forces at nodes below which their resultant, or their moment, counts as none"""
 
 
+def _note_on_traction(what: str, region: str | None, share: float, strays: int) -> Iterator[str]:
+    """Yield parts of a sentence on nodal forces that became a traction.
+
+    Args:
+        share: their moment about the centre of the region, by their size and distance.
+        strays: number of nodes on no facet of it.
+    """
+    yield f"{what} a uniform traction on '{region}' with the same resultant"
+    if share > _BALANCED:
+        yield f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
+    if strays:
+        yield f"; {strays:,} of its nodes are on no facet of the region"
+
+
 class FileJob:
     """A job of what another program's file says.
 
@@ -290,14 +304,9 @@ class FileJob:
         arms = self._positions(tags) - centre
         moment = float(np.linalg.norm(np.cross(arms, forces).sum(axis=0)))
         share = moment / (size * float(np.linalg.norm(arms, axis=1).max()))
-        text = f"{nodal.title} became a uniform traction on '{region}' with the same resultant"
-        if share > _BALANCED:
-            text += f"; their moment about its centre, {share:.0%} of their size by the distance, is lost"
         inside = set(self._source.node_tags[self._source.facets[members]].ravel().tolist())
         strays = sum(tag not in inside and any(nodal.forces[tag]) for tag in tags)
-        if strays:
-            text += f"; {strays:,} of its nodes are on no facet of the region"
-        self._comments.append(text)
+        self._comments.append("".join(_note_on_traction(f"{nodal.title} became", region, share, strays)))
         components = [self._with_units(Measure(float(part), stress=1)) for part in resultant / area]
         for name in dict.fromkeys(group.name for group in groups):
             yield {"effect": "traction", "region": name, "traction": components, "area_in": "reference"}

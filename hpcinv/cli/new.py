@@ -221,6 +221,11 @@ def _removed_after_errors(file: Path | None) -> Iterator[None]:
         raise
 
 
+def _check_without_scan(options: argparse.Namespace) -> None:
+    if not options.source and (options.unit or options.size):
+        raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
+
+
 def _check_surface(options: argparse.Namespace) -> None:
     if options.kind in _WALLS:
         raise JobError(
@@ -239,12 +244,12 @@ def _check_scan(options: argparse.Namespace) -> None:
     if (has_image or has_surface) and (reason := _NOT_SCANNED.get(options.kind)):
         name = "image" if has_image else "surface"
         raise JobError(f"--{name}: {reason}; put such a mesh into the example")
-    if not has_image and options.label:
+    if options.label and not has_image:
         raise JobError("--label: is for an image, and there is no --image")
     if has_surface:
         _check_surface(options)
-    elif not (has_image or options.source) and (options.unit or options.size):
-        raise JobError(f"--{'unit' if options.unit else 'size'}: is for an --image or a --surface, and there is none")
+    elif not has_image:
+        _check_without_scan(options)
     for name, endings in (("image", IMAGES), ("surface", SURFACES)):
         _check_file(f"--{name}", getattr(options, name), endings, f"{name}s")
 

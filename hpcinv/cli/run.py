@@ -134,9 +134,7 @@ def _run_in_parallel(options: argparse.Namespace, read: Callable[[], tuple[Job, 
                 from hpcinv.trust.certificate import Verdict
 
             if resume and on_root(comm, lambda: directory.is_finished):
-                # The record of another version may not be known here, or be missing.
-                verdicts = {verdict.value: verdict for verdict in Verdict}
-                verdict = verdicts.get(on_root(comm, lambda: directory.verdict), Verdict.UNDECIDED)
+                verdict = Verdict.named(on_root(comm, lambda: directory.verdict))
                 results = f"its results are in summary.json, certificate: {verdict.value}"
                 progress.note(f"{directory.path}: this run is finished; {results}")
                 has_settings = bool(options.job or options.certificate)

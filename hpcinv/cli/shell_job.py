@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -178,15 +178,21 @@ class ShellJob(FileJob):
         cells = [group for group in self._surface.groups if group.name == region and group.dim == 3]
         if region is None or face is None or not cells:
             return super()._placed(plain)
-        turned = {bool(entry) for group in cells for entry in self._is_turned[group.members]}
         side = -1 if face == "back" else self._sides.get(name, 0)
-        if len(turned) > 1 or not side:
+        where = self._face_of(cells, side)
+        if where is None:
             text = f"pressure on '{name}', whose elements have opposite normals or faces"
             self._deck.unused.append(f"{text}: turn them, so that all agree")
             return None
-        where = OUTER if (side > 0) != turned.pop() else INNER
         placed = {key: self._with_units(value) for key, value in plain.items()}
         return {**placed, "region": f"{region}|{where}"}
+
+    def _face_of(self, cells: Iterable[Group], side: int) -> str | None:
+        """Return the face of cells on a side of their elements' normals; ``None`` if these are opposite."""
+        turned = {bool(entry) for group in cells for entry in self._is_turned[group.members]}
+        if len(turned) > 1 or not side:
+            return None
+        return OUTER if (side > 0) != turned.pop() else INNER
 
     def _edge_load(self, entry: Mapping[str, Any], region: str) -> dict[str, Any] | None:
         """Return the pressure on the band of an edge for a force by length."""

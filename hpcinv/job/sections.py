@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -776,9 +776,13 @@ class Support(Spec):
                 yield ("constants",), "are not valid without a formula: 'displacement' or 'surface'"
         if self.surface is not None:
             yield from self._surface_faults()
-        if self.normal is not None and not self.slides:
+        if self.normal is not None:
+            yield from self._normal_faults(self.normal)
+
+    def _normal_faults(self, normal: Sequence[float]) -> Faults:
+        if not self.slides:
             yield ("normal",), "is valid with 'fix: [normal]' only"
-        elif self.normal is not None and not any(self.normal):
+        elif not any(normal):
             yield ("normal",), "must not be zero"
 
     def _surface_faults(self) -> Faults:

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import dropwhile
 from pathlib import Path
@@ -82,9 +82,7 @@ def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> l
         ValueError: a row cannot be read; with the line and the reason.
     """
     given = list(enumerate(text.removeprefix("\ufeff").splitlines(), start=1))
-    if not delimiter:
-        first = next((line for _, line in given if line.strip(" \t,;") and not line.lstrip().startswith("#")), "")
-        delimiter = next((d for d in "\t;" if d in first), ",")
+    delimiter = delimiter or _delimiter_of(line for _, line in given)
     lines: list[tuple[int, list[str] | str]] = []
     for number, line in given:
         if line.lstrip().startswith("#"):
@@ -100,6 +98,12 @@ def rows_of(text: str, delimiter: str = "", *, decimal_comma: bool = False) -> l
         (number, entries) if isinstance(entries, str) else Row(number, tuple(entries), tuple(marks[: len(entries)]))
         for number, entries in lines
     ]
+
+
+def _delimiter_of(lines: Iterable[str]) -> str:
+    """Return what delimits the entries of the first row: tabs, else semicolons, else commas."""
+    first = next((line for line in lines if line.strip(" \t,;") and not line.lstrip().startswith("#")), "")
+    return next((delimiter for delimiter in "\t;" if delimiter in first), ",")
 
 
 def _entries(number: int, line: str, delimiter: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -33,15 +34,13 @@ def mean_and_cases(
     results = [boundary.results[0] for _, boundary in named]
     shapes = np.stack([result.others for result in results])
     deviation = np.sqrt(shapes.var(axis=0, ddof=1 if len(shapes) > 1 else 0).sum(axis=1))
+    mesh, stress, J, stretches = (
+        np.mean(np.stack(list(map(attrgetter(name), results))), axis=0) for name in ("mesh", "stress", "J", "stretches")
+    )
+    crossing = np.any([result.crossing for result in results], axis=0)
+    title, direction = f"mean of {len(results)} cases", results[0].direction
     mean = BoundaryResult(
-        f"mean of {len(results)} cases",
-        results[0].direction,
-        np.mean([result.mesh for result in results], axis=0),
-        shapes.mean(axis=0),
-        stress=np.mean([result.stress for result in results], axis=0),
-        J=np.mean([result.J for result in results], axis=0),
-        stretches=np.mean([result.stretches for result in results], axis=0),
-        crossing=np.any([result.crossing for result in results], axis=0),
+        title, direction, mesh, shapes.mean(axis=0), stress=stress, J=J, stretches=stretches, crossing=crossing
     )
     some = [dataclasses.replace(results[i], state=named[i][0], fibres={}) for i in _spread(len(results), _CASES)]
     boundary = dataclasses.replace(first, points=mean.mesh, results=(mean, *some), error=None, fibres={})

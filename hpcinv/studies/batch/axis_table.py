@@ -22,6 +22,19 @@ _TITLE = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]\d]*)\]|\(([^()]*)\))?\s*", re.DOTA
 _INTEGER = re.compile(r"[+-]?\d+")
 
 
+def _index_of(titles: Row, name: str) -> int | None:
+    return next((i for i, title in enumerate(titles.entries) if _split(title)[0] == name), None)
+
+
+def _check_lengths(titles: Row, data: Sequence[Row], last: int) -> None:
+    """Raise ``ValueError`` for a row without an entry in the last column that is read."""
+    for row in data:
+        if last >= len(row.entries):
+            raise ValueError(
+                f"line {row.line}: has {len(row.entries)} entries, but there are {len(titles.entries)} columns"
+            )
+
+
 def _branch(point: Mapping[str, Any]) -> dict[str, Any]:
     return {"axes": [{"zip": {key: [value] for key, value in point.items()}}]}
 
@@ -39,17 +52,13 @@ def axis_of(path: Path, name: str, columns: Mapping[str, str] | None) -> dict[st
     rows = _rows(path, name, columns)
     titles, *data = rows
     keys = _keys(titles, name, columns)
-    labels = next((i for i, title in enumerate(titles.entries) if _split(title)[0] == name), None)
+    labels = _index_of(titles, name)
     units: Sequence[str] = ()
     if data and not data[0].has_numbers and _are_units(data[0], keys):
         units, data = data[0].entries, data[1:]
     if not data:
         raise ValueError("has no rows below the names of its columns")
-    for row in data:
-        if max([*keys, labels or 0]) >= len(row.entries):
-            raise ValueError(
-                f"line {row.line}: has {len(row.entries)} entries, but there are {len(titles.entries)} columns"
-            )
+    _check_lengths(titles, data, max([*keys, labels or 0]))
     points = [{key: _value(row, i, unit or _bare(units, i)) for i, (key, unit) in keys.items()} for row in data]
     if labels is None:
         return {"zip": {key: [point[key] for point in points] for key in points[0]}}

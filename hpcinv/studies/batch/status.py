@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -82,6 +82,16 @@ class Status:
         return 7 if strict and self.certificates.keys() & {"warning", "not decided"} else 0
 
 
+def _failed(cases: Iterable[BatchCase], records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, ...]]:
+    """Return titles of the cases that failed by their diagnosis."""
+    failed: dict[str, tuple[str, ...]] = {}
+    for case in cases:
+        record = records.get(case.key)
+        if record is not None and not record.converged:
+            failed[record.diagnosis] = (*failed.get(record.diagnosis, ()), case.title)
+    return failed
+
+
 def status(
     name: str,
     cases: Sequence[BatchCase],
@@ -93,11 +103,6 @@ def status(
 ) -> Status:
     """Return the status of cases; claims and changes nothing."""
     distinct = {case.key: case for case in reversed(cases)}
-    failed: dict[str, list[str]] = {}
-    for case in cases:
-        record = records.get(case.key)
-        if record is not None and not record.converged and distinct[case.key] is case:
-            failed.setdefault(record.diagnosis, []).append(case.title)
     states = ledger.states(key for key in distinct if key not in records)
     running = Counter(state.holder for state in states.values() if state.name == "running")
     reuse_groups = {key: case.reuse_group for key, case in distinct.items()}
@@ -110,7 +115,7 @@ def status(
         certificates=Counter(record.verdict or "not known" for record in records.values() if record.converged),
         open=len(states) - running.total(),
         running=running,
-        failed={diagnosis: tuple(titles) for diagnosis, titles in failed.items()},
+        failed=_failed([case for case in cases if distinct[case.key] is case], records),
         seconds=None if seconds is None else seconds / max(running.total(), 1),
         damaged=len(ledger.damaged(key for key, state in states.items() if state.name == "finished")),
     )

@@ -77,15 +77,23 @@ def _is_logarithmic(plan: SweepPlan, name: str, positions: Sequence[float], tick
     return not ticks and min(positions) > 0 and (is_asked or is_even_in_log(positions))
 
 
+def _reason(table: Columns, row: int, quantity: str, axes: Sequence[str]) -> str:
+    """Return why a diagram cannot show a case; empty if it can."""
+    status = table["status"][row]
+    if status == "open":
+        return "not finished"
+    missing = [name for name in axes if table[name][row] in (None, "")]
+    if quantity != FAILURES and status == "converged" and table[quantity][row] is None:
+        missing.append(quantity)
+    return f"without {missing[0]}" if missing else ""
+
+
 def _left_out(plan: SweepPlan, table: Columns, quantity: str, axes: Sequence[str]) -> Iterator[str]:
     """Yield lines on cases that a diagram cannot show: their number, the reason, and their branches."""
     cases_by_reason: dict[str, list[int]] = {}
-    for i, status in enumerate(table["status"]):
-        missing = [name for name in axes if table[name][i] in (None, "")]
-        if not missing and quantity != FAILURES and status == "converged" and table[quantity][i] is None:
-            missing = [quantity]
-        if status == "open" or missing:
-            cases_by_reason.setdefault("not finished" if status == "open" else f"without {missing[0]}", []).append(i)
+    for i in range(len(table["status"])):
+        if reason := _reason(table, i, quantity, axes):
+            cases_by_reason.setdefault(reason, []).append(i)
     for reason in sorted(
         cases_by_reason, key=["not finished", *(f"without {name}" for name in (*axes, quantity))].index
     ):

@@ -48,13 +48,17 @@ def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     }
     columns_by_name |= {parameter_name(key): values for key, values in parameter_columns(plan).items()}
     for name, value_of in OUTCOME.items():
-        columns_by_name[name] = [("open" if name == "status" else "") if row is None else value_of(row) for row in rows]
+        columns_by_name[name] = _column(rows, value_of, "open" if name == "status" else "")
     taken = _taken(plan)
     for name, values in _results(rows):
         columns_by_name[_result_name(name, taken)] = values
     for name, value_of in COSTS.items():
-        columns_by_name[name] = [("" if name in TEXT else None) if row is None else value_of(row) for row in rows]
+        columns_by_name[name] = _column(rows, value_of, "" if name in TEXT else None)
     return columns_by_name
+
+
+def _column(rows: Sequence[CaseRecord | None], value_of: Callable[[CaseRecord], Any], unknown: Any) -> list[Any]:
+    return [unknown if row is None else value_of(row) for row in rows]
 
 
 def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:

@@ -21,6 +21,11 @@ class Verdict(enum.Enum):
     WARN = "warning"
     FAIL = "fail"
 
+    @classmethod
+    def named(cls, text: str | None) -> Verdict:
+        """Return the verdict of a record; UNDECIDED if that is missing, or of another version that has more."""
+        return next((verdict for verdict in cls if verdict.value == text), cls.UNDECIDED)
+
     def exit_code(self, *, strict: bool = False) -> int:
         """Return the exit code: 6 for a failed certificate; if ``strict``, 7 for a warning or undecided; else 0."""
         if self is Verdict.FAIL:
