@@ -131,7 +131,7 @@ def test_a_count_of_operations_does_not_change_the_precision(
         "SINGLE": 0.9 * operations,
         "_WORTH": 0.0,
         "_OBVIOUS": math.inf,
-        "operations_of": lambda *_: operations / 25,
+        "on_demand": lambda _: lambda *_: operations / 25,
     }
     for name, value in replaced.items():
         monkeypatch.setattr(hpcinv.solver.linear.selection, name, value)
