@@ -19,6 +19,7 @@ FUNCTIONS = {
     "check of cavities": "hpcinv.model.cavities:check_cavities",
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
     "constraints of slides": "hpcinv.model.sliding:MatrixConstraint",
+    "contact intervals": "hpcinv.trust.intervals.contact_interval:contact_intervals",
     "contents of a mesh file": "hpcinv.job.mesh_contents:contents_of",
     "diagnosis of a failure": "hpcinv.solver.diagnosis:diagnose",
     "enclosed volume": "hpcinv.model.cavities:enclosed_volume",

@@ -5,9 +5,30 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo
 
+from hpcinv.base.quantity import Force, Length
+from hpcinv.base.quantity.quantity import Stress
 from hpcinv.base.quantity.schema import Faults, Spec
 
 type Kind = Literal["tied", "sliding", "contact"]
+type Closure = Literal["touching", "conforming", "gap", "given"]
+
+
+class Known(Spec):
+    """What is known of an interface in contact; it narrows the interval of `uncertainty: contact`."""
+
+    greatest_pressure: Stress | None = None
+    """bound of the pressure"""
+    greatest_rest_gap: Length | None = None
+    """bound of the gap of the unloaded bodies, where their surfaces face each other"""
+    force: Annotated[tuple[Force, Force], Field(strict=False)] | None = None
+    """least and greatest force by which the bodies press on each other: ``∫ p dA``"""
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        for name in ("greatest_pressure", "greatest_rest_gap"):
+            if (bound := getattr(self, name)) is not None and bound <= 0:
+                yield (name,), "must be positive"
+        if self.force is not None and not 0 <= self.force[0] <= self.force[1]:
+            yield ("force",), "must be a least and a greatest force, both not negative"
 
 
 class Interface(Spec):
@@ -17,19 +38,43 @@ class Interface(Spec):
     """two regions of the boundary; of 'contact', pressures are at the vertices of the first one"""
     kind: Kind
     """tied: the surfaces stick to each other for ever; sliding: they slide on each other without friction, and never
-    part; contact, in a forward analysis: they press on each other where they touch, without friction"""
+    part; contact: they press on each other where they touch, without friction"""
+    closure: Closure | None = None
+    """assumption on the pressure of 'contact' on a given deformed shape, which does not determine it. touching: none;
+    conforming: the unloaded bodies touch each other, too, where they press; gap: they are 'rest_gap' apart there;
+    given: the pressure of the forward solution, in a round trip that begins with it"""
+    rest_gap: Length | None = None
+    """gap of the unloaded bodies with 'closure: gap'"""
+    known: Known = Known()
+    """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.between[0] == self.between[1]:
             yield ("between",), "names one region twice: name the two surfaces that face each other"
+        if self.closure is not None and self.kind != "contact":
+            yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
+        if (self.closure == "gap") != (self.rest_gap is not None):
+            yield ("rest_gap",), "must be given with 'closure: gap', and only then"
+
+    @property
+    def assumes_gap(self) -> bool:
+        """True if the gap of the unloaded bodies determines the pressure on a given deformed shape."""
+        return self.closure in ("conforming", "gap")
 
 
 def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str]) -> Faults:
     """Yield the faults of interfaces, with their places among them, for the directions of a job."""
     for i, interface in enumerate(interfaces):
-        if interface.kind == "contact" and "inverse" in directions:
+        if interface.kind != "contact":
+            continue
+        if interface.closure is None and "inverse" in directions:
             text = (
-                "'contact' needs 'analysis: forward': a given deformed shape does not determine the pressure between"
-                " its bodies, since their gap is 0; 'tied' and 'sliding' are possible"
+                "is missing: a given deformed shape does not determine the pressure between its bodies, since their"
+                " gap is 0; assume 'touching', 'conforming' or 'gap', or 'given' after a forward solve"
             )
-            yield (i, "kind"), text
+            yield (i, "closure"), text
+        elif interface.closure is not None and "inverse" not in directions:
+            yield (i, "closure"), "is not valid in a forward analysis, which finds the pressure: leave it out"
+        elif (interface.closure == "given") != (directions[0] == "forward") and interface.closure is not None:
+            text = "must be 'given' in a round trip that begins with the forward solve, and only there"
+            yield (i, "closure"), text

@@ -134,6 +134,8 @@ class Job(Spec):
     """prescribed displacements; not needed if springs (effect: elastic-foundation) hold the body"""
     interfaces: ListOf[Interface] = Field(default=(), exclude_if=lambda interfaces: not interfaces)
     """surfaces of the mesh that belong together, such as {between: [lung, wall], kind: tied}"""
+    uncertainty: Literal["contact"] | None = Field(default=None, exclude_if=lambda value: value is None)
+    """contact: intervals of quantities over all contact pressures that the given shape admits"""
     cavities: Mapping[Name, Cavity] = Field(default={}, exclude_if=lambda cavities: not cavities)
     """hollows of the body by name, such as {lv: {surface: endo}}, whose volumes are possible quantities; their
     pressures may be unknown, with a given volume, gas or windkessel"""
@@ -520,6 +522,8 @@ class Job(Spec):
         yield from unsuited_controls(self)
         yield from refused_combinations(self)
         yield from rules.below(("interfaces",), faults_of_interfaces(self.interfaces, self.directions))
+        if self.uncertainty and not any(interface.closure for interface in self.interfaces):
+            yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))

@@ -78,7 +78,7 @@ def test_what_interfaces_do_not_meet_is_refused(changes: dict[str, Any], text: s
 
 @pytest.mark.parametrize("analysis", ["inverse", "round_trip"])
 def test_contact_of_bodies_needs_a_forward_analysis(analysis: str) -> None:
-    with pytest.raises(JobError, match=r"interfaces\[0\].kind: 'contact' needs 'analysis: forward'"):
+    with pytest.raises(JobError, match=r"interfaces\[0\].closure: is missing"):
         two_blocks(["bottom", "top"], analysis=analysis, interfaces=[{"between": ["bottom", "top"], "kind": "contact"}])
 
 

@@ -15,6 +15,7 @@ Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (19
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,15 @@ _OVERLAP = 2.0**-6
 _ROUNDED = 2.0**-26
 """Overlap up to which the pressure of contact is rounded, in lengths of the body. Lowered, nodes that barely touch go
 in and out of contact; raised, bodies that only touch press on each other."""
+_CLOSURES = {
+    "touching": "touches without pressure",
+    "conforming": "pressed where the unloaded bodies touch, too, on",
+    "gap": "pressed where the unloaded bodies have a known gap to",
+    "given": "pressed as in the forward solution on",
+}
+_NEAR = 2.0**-8
+"""Gap of a given deformed shape, in lengths of the body, up to which its bodies touch. Raised, they press on each other
+where they are apart; lowered, segmented surfaces do not touch."""
 _MEMORY = 12
 """Updates whose differences accelerate the next one: nodes that supports hold leave multipliers that hardly move a gap,
 which would settle by a tenth in each update. Raised, rounding errors of small differences are added."""
@@ -76,7 +86,7 @@ class SurfacePair:
     ) -> None:
         self.where, self.spec, self._label, self._law = where, spec, label, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
-        self.is_iterated, self.version = self._law.pulls or sign > 0, 0
+        self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
         first, second = (self._region(name) for name in spec.between)
         self._is_swapped = self._law.pulls and self._size(first) < self._size(second)
         if self._is_swapped:
@@ -203,7 +213,15 @@ class SurfacePair:
         if not self.is_iterated:
             return self._q, np.zeros_like(self._q)
         width = self._penalties * _ROUNDED * self._body.length
-        return self._law(self._q - self._penalties * self._signed_gaps(), width)
+        tractions, slopes = self._law(self._q - self._penalties * self._signed_gaps(), width)
+        return tractions * self._touching, slopes * self._touching
+
+    @property
+    def _touching(self) -> Floats | float:
+        """Return 1 where tractions may act, else 0: on a given shape, where its bodies touch each other."""
+        if self._sign > 0 or self._law.pulls:
+            return 1.0
+        return (self._force_jump.gaps <= _NEAR * self._body.length).astype(np.float64)
 
     def add_forces(self, forces: Floats) -> None:
         """Subtract the nodal forces of the tractions from residuals (owned unknowns at first)."""
@@ -260,6 +278,57 @@ class SurfacePair:
             turning.destroy()
         return product
 
+    # What a given shape leaves undetermined.
+
+    @property
+    def assumes_pressure(self) -> bool:
+        """True if an assumption determines the pressure."""
+        return self._sign < 0 and not self._law.pulls
+
+    @property
+    def pressing(self) -> Ints:
+        """Numbers of the functions whose pressures may act on the given shape."""
+        return np.flatnonzero((self._force_jump.areas > 0) & (self._touching > 0))
+
+    @property
+    def areas(self) -> Floats:
+        """Areas of all functions (scaled), whose products with pressures add up to the force."""
+        return self._force_jump.areas
+
+    @property
+    def pressures(self) -> Floats:
+        """Present pressures of all functions, scaled."""
+        return self._tractions()[0]
+
+    def unit_forces(self, number: int) -> Floats:
+        """Return the nodal forces (owned unknowns, scaled) of a unit pressure of a function."""
+        unit = np.zeros(len(self._q))
+        unit[number] = 1.0
+        return self._nodal_forces(unit)
+
+    def unloaded_gaps(self) -> tuple[Floats, Callable[[PETSc.Vec], Floats]]:
+        """Return the gaps of the unloaded bodies (scaled), and a function that gives their rates along unknowns.
+
+        Functions whose surfaces do not face each other there are left out.
+        """
+        unknowns = self._unknowns
+        u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
+        jump = self._jump(self._body.mesh.geometry.x, -u)
+        faces, matrix = jump.areas > 0, jump.normal_matrix(self._owned, means=True)
+        left = matrix.createVecLeft()
+
+        def rates(direction: PETSc.Vec) -> Floats:
+            matrix.mult(direction, left)
+            return -np.concatenate(self._comm.allgather(np.array(left.array)))[faces]
+
+        return jump.gaps[faces], rates
+
+    def with_pressures(self, report: ContactReport, pressures: Floats, scales: Scales) -> ContactReport:
+        """Return a report with other pressures (scaled) of all functions."""
+        pressure, multiplier = report.fields
+        given = self._functions.made(multiplier.name, pressures * scales.stress)
+        return replace(report, fields=(pressure, given))
+
     # The part of a contact.
 
     def passage(self, unknowns: Unknowns) -> None:
@@ -281,11 +350,19 @@ class SurfacePair:
             return
         self._place = x.copy(), u.copy()
         current, pressed = self._searched(x, u if self._sign > 0 else None)
-        unloaded = self._sign < 0 and self._law.pulls
+        unloaded = self._sign < 0 and self.is_iterated
         self._set_jumps(current, self._jump(x, -u) if unloaded else current, pressed)
-        gaps = self._gap_jump.gaps - (self._given.gaps if self._law.pulls else 0.0)
+        gaps = self._gap_jump.gaps - self._wanted_gaps
         measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
         self._offsets = self._sign * measured - self._products(unknowns.state.x.petsc_vec)
+
+    @property
+    def _wanted_gaps(self) -> Floats | float:
+        """Gaps (scaled) of surfaces that neither press on each other nor pull."""
+        if self._law.pulls:
+            return self._given.gaps
+        rest_gap = self.spec.rest_gap if self._sign < 0 else None
+        return 0.0 if rest_gap is None else rest_gap / self._body.length_scale
 
     def change(self) -> tuple[float, Callable[[], None]]:
         """Return the change by an update, over the largest at which it has settled, and a function that makes it.
@@ -393,8 +470,8 @@ class SurfacePair:
     def _assumption(self) -> str:
         other = self.spec.between[1]
         texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
-        if not self.is_iterated:
-            return f"pressure on '{other}' as in the forward solution"
+        if self._sign < 0 and self.spec.closure is not None:
+            return f"{_CLOSURES[self.spec.closure]} '{other}' (assumed: the shape does not determine the pressure)"
         return texts.get(self.spec.kind, f"on '{other}', without friction")
 
     def _total_force(self, tractions: Floats) -> Floats:

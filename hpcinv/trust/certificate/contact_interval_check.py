@@ -1,0 +1,61 @@
+"""Intervals of quantities over all contact pressures that a given shape admits: what an assumption on them hides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hpcinv.base.quantity.units import readable
+from hpcinv.errors import SolveError
+from hpcinv.on_demand import on_demand
+from hpcinv.trust.certificate.certify import Check, CheckedRun
+from hpcinv.trust.certificate.check import Line, Verdict, topic
+
+INTERVAL = topic(
+    "interval of '…' over all contact pressures that the shape admits",
+    "A given shape does not determine the pressure between its bodies: the quantity may lie anywhere in this interval.",
+    "Say what is 'known' of the contact (greatest_pressure, greatest_rest_gap, force), or measure a state without it.",
+    computed="linear programs, confirmed by solves ([intervals](../how-to/interfaces.md#what-a-shape-leaves-open))",
+    thresholds="never; not decided where an end does not exist or settle",
+    costs="for each end some factorizations, with a substitution for each pressure",
+)
+ADMISSIBLE = topic(
+    "contact pressures that the shape admits",
+    "Whether unloaded bodies exist that do not overlap, for some contact pressure.",
+    "Check travel, supports and segmentation: the travel is too short, or the surfaces overlap.",
+    computed="linear program for the widest of all smallest gaps",
+    thresholds="where there is none; never",
+)
+
+
+class ContactIntervalCheck(Check):
+    """Show the intervals that the job asks for."""
+
+    name, order = "contact interval", 33
+
+    def applies(self, run: CheckedRun) -> bool:
+        is_asked = run.solution.job.uncertainty == "contact" and run.solution.direction == "inverse"
+        return super().applies(run) and is_asked
+
+    def lines(self, run: CheckedRun) -> Iterator[Line]:
+        try:
+            found = on_demand("contact intervals")(run.equations, run.solution)
+        except SolveError as reason:
+            note = f"a body is held by contact alone, or a solve failed: {reason.message}"
+            yield Line(ADMISSIBLE, None, "", "ends must exist", Verdict.UNDECIDED, note)
+            return
+        if found.overlap:
+            note = f"no unloaded bodies exist that do not overlap: by at least {readable(found.overlap, 'm')}"
+            yield Line(ADMISSIBLE, found.overlap, "m", "warning if there is none", Verdict.WARN, note)
+        for interval in found.intervals:
+            ends = ["no end" if end is None else f"{end:.6g}" for end in (interval.low, interval.high)]
+            has_ends = interval.low is not None and interval.high is not None
+            width = interval.high - interval.low if has_ends else None
+            note = f"{ends[0]} to {ends[1]} (SI), over {found.count} pressures" + (
+                "" if interval.has_settled else "; an end has not settled"
+            )
+            verdict = Verdict.PASS if has_ends and interval.has_settled else Verdict.UNDECIDED
+            yield Line(INTERVAL.placed(interval.name), width, "", "width; no threshold", verdict, note)
+        if found.intervals:
+            note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
+            about = INTERVAL.placed("shape")
+            yield Line(about, found.distance, "m", "distance; no threshold", Verdict.PASS, note)

@@ -1,0 +1,1 @@
+"""Intervals of what a given shape does not determine: results between all contact pressures that it admits."""

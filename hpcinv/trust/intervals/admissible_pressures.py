@@ -1,0 +1,130 @@
+"""Contact pressures that a given deformed shape admits, and the ends of linear quantities over them.
+
+On a given shape the pressures ``p ≥ 0`` of an interface are not determined. They are admissible if the undeformed
+bodies do not overlap: their gaps ``g = g₀ + C (p - p₀)`` are not negative. ``C`` is the compliance at a solution with
+the pressures ``p₀``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hpcinv.mesh.source import Floats
+
+
+class UnboundedEnd(Exception):
+    """Raised for a quantity that admissible pressures make as large as one likes."""
+
+
+class NoPressure(Exception):
+    """Raised if no pressure is admissible.
+
+    Attributes:
+        gap: largest value, below 0, that the smallest gap can have.
+    """
+
+    def __init__(self, gap: float) -> None:
+        super().__init__(gap)
+        self.gap = gap
+
+
+@dataclass(frozen=True)
+class AdmissiblePressures:
+    """Pressures of n functions of an interface, in scaled units.
+
+    Attributes:
+        pressures, gaps: at a solution, (n,).
+        compliance: derivatives of the gaps by the pressures, (n, n).
+        greatest: bound of the pressures, ``inf`` for none.
+        areas: of the functions, (n,): their products with the pressures add up to the force.
+        force: bounds of the force.
+        rest_gap: bound of the gaps, ``inf`` for none.
+    """
+
+    pressures: Floats
+    gaps: Floats
+    compliance: Floats
+    areas: Floats
+    greatest: float = np.inf
+    force: tuple[float, float] = (0.0, np.inf)
+    rest_gap: float = np.inf
+
+    def end(self, slopes: Floats, sign: float) -> Floats:
+        """Return the admissible pressures (n,) that make ``sign · slopes · p`` largest.
+
+        Raises:
+            UnboundedEnd: there is no largest value.
+            NoPressure: no pressures are admissible.
+        """
+        from scipy.optimize import linprog  # slow to import, and rarely needed
+
+        rows, limits = self._rows()
+        found = linprog(-sign * slopes, A_ub=rows, b_ub=limits, bounds=self._bounds, method="highs")
+        if found.status == 0:
+            pressures: Floats = found.x
+            return pressures
+        least = self._widest()
+        if least < 0:
+            raise NoPressure(least)
+        raise UnboundedEnd
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        return 0.0, self.greatest
+
+    def _rows(self) -> tuple[Floats, Floats]:
+        """Return matrix A and bounds b of ``A p ≤ b``."""
+        offset = self.gaps - self.compliance @ self.pressures
+        parts = [(-self.compliance, offset)]
+        if np.isfinite(self.rest_gap):
+            parts.append((self.compliance, self.rest_gap - offset))
+        parts += [
+            (sign * self.areas[None, :], np.array([sign * bound]))
+            for sign, bound in zip((-1.0, 1.0), self.force, strict=True)
+            if np.isfinite(bound)
+        ]
+        rows, limits = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return rows, limits
+
+    def _widest(self) -> float:
+        """Return the largest value, at most 0, that the least slack of all bounds can have."""
+        from scipy.optimize import linprog
+
+        rows, limits = self._rows()
+        count = len(self.pressures)
+        free = np.hstack([rows, np.full((len(rows), 1), -1.0)])
+        found = linprog(
+            np.append(np.zeros(count), 1.0), A_ub=free, b_ub=limits, bounds=[self._bounds] * count + [(0, None)]
+        )
+        return -float(found.fun) if found.status == 0 else 0.0
+
+
+def settled_end(
+    solve: Callable[[Floats], tuple[float, AdmissiblePressures, Floats]],
+    choose: Callable[[AdmissiblePressures, Floats], Floats],
+    start: Floats,
+    tolerance: float,
+) -> tuple[float, Floats, bool]:
+    """Return the end of a quantity that is not linear: value, pressures, and whether it has settled.
+
+    Args:
+        solve: returns for pressures the quantity, what is admissible near them, and the slopes of the quantity.
+        choose: returns the pressures at the end of what is admissible, for some slopes.
+        tolerance: change of the quantity by one more program at which it has settled.
+    """
+    value, near, slopes = solve(start)
+    pressures = start
+    for _ in range(_MOST):
+        following = choose(near, slopes)
+        after, near, slopes = solve(following)
+        change, value, pressures = abs(after - value), after, following
+        if change <= tolerance:
+            return value, pressures, True
+    return value, pressures, False
+
+
+_MOST = 12
+"""Programs in turn for one end; raised, ends that do not settle take longer."""

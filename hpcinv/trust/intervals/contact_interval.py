@@ -1,0 +1,226 @@
+"""Quantities of interest between all contact pressures that a given shape admits.
+
+On the given shape the pressures p load both bodies through constant matrices. At a solution the displacement changes by
+``K dw = F dp``, the gaps of the unloaded bodies by ``-B dw``, and each quantity by its slope along dw. A linear program
+gives the pressures at an end; a solve with these shows the quantity there, and the next program begins there, until it
+has settled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.job.job import Job
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.source import Floats
+from hpcinv.model.contacts import ContactReport
+from hpcinv.model.interfaces.pair import SurfacePair
+from hpcinv.results.quantities_of_interest import evaluate
+from hpcinv.results.solution import Solution, solution_of
+from hpcinv.solver.equations import Equations
+from hpcinv.trust.intervals.admissible_pressures import (
+    AdmissiblePressures,
+    NoPressure,
+    UnboundedEnd,
+    settled_end,
+)
+from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
+from hpcinv.trust.sensitivity.slopes import Change, slopes
+
+_SETTLED = 1e-6
+"""An end has settled if one more program moves the quantity less, relative to its distance from the start."""
+_ACCURACY = 1e-10  # of solves with given pressures
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Ends of one quantity, in SI; ``None`` for an end that does not exist.
+
+    Attributes:
+        has_settled: whether one more linear program would not move either end.
+    """
+
+    name: str
+    low: float | None
+    high: float | None
+    has_settled: bool
+
+
+@dataclass(frozen=True)
+class ContactIntervals:
+    """Intervals of a job's quantities.
+
+    Attributes:
+        distance: largest distance (m) between two unloaded shapes at ends, a lower bound of what is undetermined.
+        overlap: depth (m) to which the unloaded bodies overlap for every pressure; 0 where some are admissible.
+        count: number of pressures.
+    """
+
+    intervals: tuple[Interval, ...]
+    distance: float
+    overlap: float
+    count: int
+
+
+def contact_intervals(equations: Equations, solution: Solution) -> ContactIntervals:
+    """Return the intervals of the scalar quantities of an inverse solution with contact; collective.
+
+    It takes, for each end, some factorizations, each with a substitution for each pressure.
+    """
+    problem = _Pressed(equations, solution)
+    found, overlap = list[Interval](), 0.0
+    try:
+        for name in problem.names:
+            found.append(problem.interval(name))
+    except NoPressure as reason:
+        overlap = -reason.gap * equations.scales.length
+    equations.put(solution)
+    return ContactIntervals(tuple(found), problem.distance, overlap, problem.count)
+
+
+class _Pressed:
+    """Solves of the given shape with given contact pressures. Methods are collective."""
+
+    def __init__(self, equations: Equations, solution: Solution) -> None:
+        self._scales, self._body, self._solution = equations.scales, equations.body, solution
+        job = _with_given_pressures(solution.job)
+        self._job = job
+        self._equations = Equations(job, equations.body, equations.timings, equations)
+        self._fields, self._shapes = solution.fields, list[Floats]()
+        weak_form = equations.weak_form("inverse")
+        equations.put(solution)
+        self._pairs: list[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
+        self._start = np.concatenate([pair.pressures[pair.pressing] for pair in self._pairs])
+        self.count = len(self._start)
+        computed = evaluate([q for q in solution.job.quantities if not q.is_reaction], self._body, solution, equations)
+        self.names = [name for name, value in computed.items() if isinstance(value, float)]
+
+    @property
+    def distance(self) -> float:
+        """Largest distance (m) of a node in two of the shapes that were found."""
+        largest = max(
+            (float(np.linalg.norm(a - b, axis=1).max(initial=0.0)) for a, b in _pairs_of(self._shapes)), default=0.0
+        )
+        return float(self._body.mesh.comm.allreduce(largest, op=MPI.MAX))
+
+    def interval(self, name: str) -> Interval:
+        """Return the interval of a quantity; raise `NoPressure` if no pressures are admissible."""
+        ends, settled = list[float | None](), True
+        first = self._solved(name, self._start)[0]
+        for sign in (-1.0, 1.0):
+            tolerance = _SETTLED * max(abs(first), *(abs(end - first) for end in ends if end is not None), 1e-300)
+            try:
+                value, _, has_settled = settled_end(
+                    partial(self._solved, name), partial(self._chosen, sign), self._start, tolerance
+                )
+            except UnboundedEnd:
+                ends.append(None)
+                continue
+            ends.append(value)
+            settled &= has_settled
+            self._shapes.append(self._last_shape)
+        return Interval(name, ends[0], ends[1], settled)
+
+    def _chosen(self, sign: float, near: AdmissiblePressures, slopes_of_pressures: Floats) -> Floats:
+        """Return the pressures at an end, found on one rank: others might choose other pressures for the same end."""
+        comm = self._body.mesh.comm
+        found: Any = None
+        if comm.rank == 0:
+            try:
+                found = near.end(slopes_of_pressures, sign)
+            except (UnboundedEnd, NoPressure) as reason:
+                found = reason
+        found = comm.bcast(found)
+        if isinstance(found, Exception):
+            raise found
+        pressures: Floats = found
+        return pressures
+
+    def _solved(self, name: str, pressures: Floats) -> tuple[float, AdmissiblePressures, Floats]:
+        """Return a quantity with some pressures, what is admissible near them, and the slopes of the quantity."""
+        equations, job = self._equations, self._job
+        reports = tuple(self._reports(pressures))
+        equations.put(replace(self._solution, job=job, contacts=reports))
+        equations.put_fields(self._fields)
+        equilibrium = equations.equilibrium(equations.weak_form("inverse"))
+        solve = equilibrium.solve(1.0, _ACCURACY, begins_near=True)
+        solution = solution_of(equations, "inverse", equilibrium.system.weak_form, (solve,))
+        self._fields, self._last_shape = solution.fields, solution.other_nodes
+        value = evaluate([q for q in job.quantities if q.name == name], self._body, solution, equations)[name]
+        near, changes = self._linearised(equations, equilibrium, solution, pressures)
+        equations.release(equilibrium)
+        (only,) = (q for q in job.quantities if q.name == name)
+        narrowed = replace(solution, job=job.model_copy(update={"quantities": (only,)}))
+        derivatives = slopes(equations, narrowed, changes)[name]
+        return float(value), near, np.array([derivatives[p.key] for p, _ in changes], dtype=np.float64)  # type: ignore[arg-type]
+
+    def _reports(self, pressures: Floats) -> Iterator[ContactReport]:
+        by_place = {pair.where: pair for pair in self._pairs}
+        starts = dict(zip(by_place, np.cumsum([0, *(len(pair.pressing) for pair in self._pairs)]), strict=False))
+        for report in self._solution.contacts:
+            if report.where not in by_place:
+                yield report
+                continue
+            pair = by_place[report.where]
+            whole = np.zeros(len(pair.areas))
+            start = starts[report.where]
+            whole[pair.pressing] = pressures[start : start + len(pair.pressing)]
+            yield pair.with_pressures(report, whole, self._scales)
+
+    def _linearised(
+        self, equations: Equations, equilibrium: object, solution: Solution, pressures: Floats
+    ) -> tuple[AdmissiblePressures, list[tuple[Parameter, Change]]]:
+        system = equilibrium.system  # type: ignore[attr-defined]
+        system.set_load(1.0)
+        numbers = FollowedNumbers(equations, solution, equilibrium)  # type: ignore[arg-type]
+        position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
+        pairs = [pair for pair in system.weak_form.contacts.pairs if pair.assumes_pressure]
+        measured = [pair.unloaded_gaps() for pair in pairs]
+        unchanged = system.weak_form.parameters.direction({})
+        columns, changes = list[Floats](), list[tuple[Parameter, Change]]()
+        for pair, own in zip(pairs, self._pairs, strict=True):
+            for number in own.pressing:
+                b.array[:] = pair.unit_forces(int(number))
+                equations.supports.free(b.array)
+                found = numbers.solve(b, np.zeros(numbers.count), x)
+                columns.append(np.concatenate([rates(x) for _, rates in measured]))
+                system.set_state(x)
+                u, p = equations.state().fields
+                system.set_state(position)
+                key = f"{pair.where} {number}"
+                parameter = Parameter(key, pair.where, None, (), 0.0, None)
+                changes.append((parameter, Change(unchanged, u, equations.unknowns.geometry_values(u), p, None, found)))
+        numbers.destroy()
+        for vector in (position, b, x):
+            vector.destroy()
+        gaps = np.concatenate([gaps for gaps, _ in measured])
+        return self._admissible(pressures, gaps, np.array(columns).T), changes
+
+    def _admissible(self, pressures: Floats, gaps: Floats, compliance: Floats) -> AdmissiblePressures:
+        (pair,) = self._pairs
+        known, scales = pair.spec.known, self._scales
+        unit = scales.stress * scales.length**2
+        bounds: dict[str, object] = {}
+        if known.greatest_pressure is not None:
+            bounds["greatest"] = known.greatest_pressure / scales.stress
+        if known.greatest_rest_gap is not None:
+            bounds["rest_gap"] = known.greatest_rest_gap / scales.length
+        if known.force is not None:
+            bounds["force"] = known.force[0] / unit, known.force[1] / unit
+        return AdmissiblePressures(pressures, gaps, compliance, pair.areas[pair.pressing], **bounds)  # type: ignore[arg-type]
+
+
+def _with_given_pressures(job: Job) -> Job:
+    given = {"closure": "given", "rest_gap": None}
+    interfaces = tuple(i.model_copy(update=given) if i.kind == "contact" else i for i in job.interfaces)
+    return job.model_copy(update={"interfaces": interfaces})
+
+
+def _pairs_of(shapes: Sequence[Floats]) -> Iterator[tuple[Floats, Floats]]:
+    return ((a, b) for i, a in enumerate(shapes) for b in shapes[:i])

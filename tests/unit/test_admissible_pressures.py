@@ -1,0 +1,72 @@
+"""Ends of quantities over all contact pressures that a given shape admits."""
+
+import numpy as np
+import pytest
+
+from hpcinv.trust.intervals.admissible_pressures import (
+    AdmissiblePressures,
+    NoPressure,
+    UnboundedEnd,
+    settled_end,
+)
+
+
+def bar(gap: float = 0.5, **known: object) -> AdmissiblePressures:
+    """Two springs of compliance 1 and 2 that press on each other without coupling; without pressure they are apart."""
+    compliance = -np.diag([1.0, 2.0])
+    return AdmissiblePressures(np.zeros(2), np.full(2, gap), compliance, np.array([1.0, 3.0]), **known)  # type: ignore[arg-type]
+
+
+def test_pressure_is_between_none_and_where_the_undeformed_bodies_touch() -> None:
+    forces = np.array([1.0, 3.0])
+    assert bar().end(forces, 1.0) == pytest.approx([0.5, 0.25])
+    assert bar().end(forces, -1.0) == pytest.approx([0.0, 0.0])
+
+
+def test_gaps_at_a_solution_with_pressures_are_those_there() -> None:
+    moved = AdmissiblePressures(np.array([0.5, 0.0]), np.array([0.0, 0.5]), -np.diag([1.0, 2.0]), np.ones(2))
+    assert moved.end(np.ones(2), 1.0) == pytest.approx([0.5, 0.25])
+
+
+@pytest.mark.parametrize(
+    ("known", "expected"),
+    [
+        ({"greatest": 0.3}, [0.3, 0.25]),
+        ({"force": (0.0, 0.75)}, [0.0, 0.25]),
+        ({"force": (0.6, 0.6)}, [0.0, 0.2]),
+    ],
+)
+def test_what_is_known_narrows_the_interval(known: dict[str, object], expected: list[float]) -> None:
+    assert bar(**known).end(np.array([1.0, 100.0]), 1.0) == pytest.approx(expected)
+
+
+def test_bound_of_the_undeformed_gap_raises_the_lower_end() -> None:
+    assert bar(rest_gap=0.1).end(np.ones(2), -1.0) == pytest.approx([0.4, 0.2])
+
+
+def test_bodies_that_overlap_without_pressure_admit_none() -> None:
+    with pytest.raises(NoPressure) as raised:
+        bar(gap=-0.04).end(np.ones(2), 1.0)
+    assert raised.value.gap == pytest.approx(-0.04)
+
+
+def test_quantity_without_bound_is_said_to_have_none() -> None:
+    free = AdmissiblePressures(np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.ones(2))
+    with pytest.raises(UnboundedEnd):
+        free.end(np.array([0.0, 1.0]), 1.0)
+
+
+def test_end_of_a_curved_quantity_settles_where_the_bodies_touch() -> None:
+    """One spring whose gap is ``0.5 - p - p²/2``: it closes at √2 - 1; the quantity is p³ + p."""
+
+    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+        near = AdmissiblePressures(p, 0.5 - p - p**2 / 2, -np.diag(1 + p), np.ones(1))
+        return float(p[0] ** 3 + p[0]), near, 3 * p**2 + 1
+
+    value, pressures, has_settled = settled_end(solve, lambda near, slopes: near.end(slopes, 1.0), np.zeros(1), 1e-9)
+    p = 2**0.5 - 1
+    assert has_settled
+    assert pressures == pytest.approx([p])
+    assert value == pytest.approx(p**3 + p)
+    least, _, _ = settled_end(solve, lambda near, slopes: near.end(slopes, -1.0), np.full(1, 0.3), 1e-9)
+    assert least == pytest.approx(0.0)

@@ -1,0 +1,96 @@
+"""Inverse analyses of bodies in contact: what closures assume, and the intervals that a shape leaves open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import JobError
+from hpcinv.output.result import Result
+
+BLOCKS = {"file": "../meshes/two_blocks.py", "parameters": {"lower": 1, "upper": 2}}
+GIVEN: dict[str, Any] = {
+    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+    "solver": {"tolerance": 1e-12},
+    "discretisation": {"displacement": 1},
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -0.2], "density": 1.0}],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}, {"region": "z1", "displacement": [0, 0, -0.05]}],
+    "quantities": [{"name": "gap", "of": "Z", "on": "bottom", "reduce": "mean"}],
+}
+
+
+def solved(comm: MPI.Intracomm, contact: dict[str, Any], directory: Path | None = None, **data: Any) -> Result:
+    """Solve two blocks, the upper one of which was moved down by 5 cm."""
+    interface = {"between": ["bottom", "top"], "kind": "contact", **contact}
+    return hpcinv.run(job(**{"mesh": BLOCKS, "interfaces": [interface]} | GIVEN | data), comm, directory=directory)
+
+
+@pytest.mark.parallel([2, 1])
+@pytest.mark.parametrize("gap", [0.0, 0.002])
+def test_unloaded_bodies_have_the_assumed_gap_and_close(gap: float, comm: MPI.Intracomm) -> None:
+    closure = {"closure": "gap", "rest_gap": gap} if gap else {"closure": "conforming"}
+    result = solved(comm, closure, analysis="round_trip", first="inverse")
+    there, back = (solution.contacts[0] for solution in result.solutions)
+    assert result.errors["round_trip"]["max"] < 1e-10
+    assert there.largest_pressure > 0.1
+    assert there.distance < 1e-10
+    assert back.force == pytest.approx(there.force, abs=1e-9)
+    assert "assumed" in there.assumption
+
+
+def test_bodies_that_touch_without_pressure_close_although_they_overlap(comm: MPI.Intracomm) -> None:
+    result = solved(comm, {"closure": "touching"}, analysis="round_trip", first="inverse")
+    assert result.errors["round_trip"]["max"] < 1e-6
+    assert result.solutions[0].contacts[0].largest_pressure == 0.0
+    assert result.solutions[0].contacts[0].penetration > 1e-5
+
+
+@pytest.mark.parallel([2, 1])
+def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """The truth is the body of a forward solve; its pressure is not uniform."""
+    apart = BLOCKS | {"parameters": {"lower": 1, "upper": 1, "gap": 0.01}}
+    solved(comm, {}, run_directory / "there", mesh=apart, analysis="forward", quantities=[])
+    back = {"mesh": {"file": str(run_directory / "there" / "shape.msh")}, "analysis": "inverse"}
+    checked = {"certificate": {"level": "quick"}, "uncertainty": "contact"}
+    result = solved(comm, {"closure": "conforming"}, **back, **checked)
+    assert result.certificate is not None
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("interval of 'gap'"))
+    low, high = (float(end) for end in line.note.split(" (SI)")[0].split(" to "))
+    assert low < 0.51 < high
+    assert high - low < 0.03
+    shares = [solved(comm, {"closure": "gap", "rest_gap": gap}, **back).quantities["gap"] for gap in (1e-4, 5e-3)]
+    for value in (result.quantities["gap"], *shares):
+        assert low - 1e-9 <= value <= high + 1e-9
+    known = {"greatest_rest_gap": 0.02}
+    narrowed = solved(comm, {"closure": "conforming", "known": known}, **back, **checked)
+    assert narrowed.certificate is not None
+    (line,) = (line for line in narrowed.certificate.lines if line.name.startswith("interval of 'gap'"))
+    assert line.value is not None
+    assert line.value <= high - low + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("contact", "analysis", "match"),
+    [
+        ({}, "inverse", "closure: is missing"),
+        ({"closure": "touching"}, "forward", "leave it out"),
+        ({"closure": "given"}, "inverse", "must be 'given' in a round trip"),
+        ({"closure": "gap"}, "inverse", "rest_gap: must be given"),
+        ({"closure": "conforming", "known": {"greatest_pressure": -1.0}}, "inverse", "must be positive"),
+        ({"closure": "conforming", "kind": "tied"}, "inverse", "is not valid with 'kind: tied'"),
+    ],
+)
+def test_closures_that_do_not_fit_are_refused(contact: dict[str, Any], analysis: str, match: str) -> None:
+    interface = {"between": ["bottom", "top"], "kind": "contact"} | contact
+    with pytest.raises(JobError, match=match):
+        job(**{"mesh": BLOCKS, "interfaces": [interface], "analysis": analysis} | GIVEN)
+
+
+def test_interval_without_a_closure_is_refused() -> None:
+    with pytest.raises(JobError, match="uncertainty: needs an interface"):
+        job(**{"mesh": BLOCKS, "analysis": "inverse", "uncertainty": "contact"} | GIVEN)
