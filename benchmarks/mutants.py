@@ -190,13 +190,15 @@ def drawn(paths: Sequence[Path], seed: int, count: int, root: Path = ROOT) -> li
 
 
 def imports_of(file: Path, modules: Mapping[str, Path]) -> set[Path]:
-    """Return the files among ``modules`` (by name) that a file imports anywhere."""
+    """Return the files among ``modules`` (by name) that a file imports anywhere, also by a text ``MODULE:NAME``."""
     names = set[str]()
     for node in ast.walk(ast.parse(file.read_bytes())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names.add(node.value.partition(":")[0])
     return {modules[name] for name in names if name in modules}
 
 
@@ -216,6 +218,8 @@ def importers_of(root: Path) -> Mapping[Path, set[Path]]:
     for file in modules.values():  # packages import all their modules by name, as laws and effects do
         if file.name != "__init__.py":
             importers[file].add(file.with_name("__init__.py"))
+    for file in root.glob("hpcinv/cli/*.py"):  # commands are imported by their names
+        importers[file].add(root / "hpcinv" / "__main__.py")
     return importers
 
 

@@ -77,6 +77,22 @@ def test_tests_that_reach_a_module_are_ordered_by_distance(tmp_path: Path) -> No
     assert names == ["tests/system/test_law_command.py", "tests/unit/test_solver.py", "tests/verification/test_case.py"]
 
 
+def test_commands_and_parts_on_demand_reach_the_tests_of_their_users(tmp_path: Path) -> None:
+    files = {
+        "hpcinv/__main__.py": "",
+        "hpcinv/cli/fit.py": "",
+        "hpcinv/part.py": "",
+        "hpcinv/on_demand.py": "PARTS = {'part': 'hpcinv.part:Part'}",
+        "tests/unit/test_fit.py": "from hpcinv.__main__ import main",
+        "tests/unit/test_part.py": "from hpcinv.on_demand import PARTS",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert nearest_tests(Path("hpcinv/cli/fit.py"), tmp_path) == [Path("tests/unit/test_fit.py")]
+    assert nearest_tests(Path("hpcinv/part.py"), tmp_path) == [Path("tests/unit/test_part.py")]
+
+
 def test_shares_are_counted_by_folder() -> None:
     one, two = (Fault(Path(f"hpcinv/{name}/a.py"), "sign", 0, 1, "+") for name in ("effects", "model"))
     lines = list(table([(one, "killed"), (one, "survived"), (two, "killed")]))
