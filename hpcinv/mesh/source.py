@@ -121,7 +121,7 @@ class MeshSource:
     voxel: float = 0.0  # size (m) of the voxels of the image from which it was made, 0 without one
     inputs: Mapping[str, str] = field(default_factory=dict)  # files that its generator read, see `files.inputs`
     notes: tuple[str, ...] = ()  # what the reader did with the file, or did not use
-    surface_cells: SurfaceCells | None = None  # with integers, in files that have such (`surface_labels`)
+    surface_cells: SurfaceCells | None = None  # with integers, in files that have such
     nodes_per_cell: int = 0  # of the elements in the file of another program; 0: as many as in ``cells``
     surface: CadSurface | None = None  # of the CAD model that was meshed, if there is one
     midsurface: MeshSource | None = None  # of a shell, whose groups of cells have ``dim`` 3, and of edges 2

@@ -13,11 +13,12 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vertex_count, vtk_order
+from hpcinv.mesh.facet_groups import facets_of_cells
 from hpcinv.mesh.io.isolated import Arrays, read_isolated
 from hpcinv.mesh.io.length_unit import FIELD, as_unit
 from hpcinv.mesh.io.vtu_writer import Array, Grid, write_vtu
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource, Place, SurfaceCells, data_arrays, distinct_tags
-from hpcinv.mesh.surface_labels import labelled_facets
+from hpcinv.mesh.topology import FacetTable, find_rows
 
 VTK_TYPES = {
     "interval": (3, 21, 68),
@@ -211,7 +212,7 @@ def save_vtu(path: Path, source: MeshSource, points: Floats) -> None:
 
 def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arrays, dict[str, float]]:
     """Return nodes and VTK's type of the cells and facets, arrays at nodes and in cells, and fields."""
-    facets, labels = labelled_facets(source)
+    facets, labels = _labelled_facets(source)
     cells = [
         (nodes[:, np.argsort(vtk_order(kind, source.degree))], VTK_TYPES[kind][source.degree - 1])
         for kind, nodes in ((source.kind, source.cells), ((FACET_KIND | EDGE_KIND)[source.kind], facets))
@@ -235,3 +236,28 @@ def content_of(source: MeshSource) -> tuple[list[tuple[Ints, int]], Arrays, Arra
         marks = cell_arrays.setdefault(REGION + group.name, np.zeros(len(cell_arrays[CELL_TAG]), dtype=np.int32))
         marks[group.members + (0 if group.dim == 3 else len(source.cells))] = group.tag
     return cells, node_arrays, cell_arrays, {FIELD: source.unit or 1.0}
+
+
+def _labelled_facets(source: MeshSource) -> tuple[Ints, Mapping[str, Ints]]:
+    """Return facets (f, l), the mesh's own first, and integers (f,) in them by name of the array.
+
+    The others are surface cells of the file without a group. A facet that the file does not have gets a number that is
+    below those in the file, at most -1. Surface cells that are not facets of the cells are left out.
+    """
+    labelled = source.surface_cells
+    if labelled is None:
+        return source.facets, {}
+    vertices = source.cells[:, : vertex_count(source.kind)]
+    table = FacetTable.build(source.kind, vertices)
+    corners = find_rows(labelled.vertex_tags.reshape(-1, 1), source.node_tags[:, None])
+    row_of_label = table.find(corners.reshape(labelled.vertex_tags.shape))
+    row_of_facet = table.find(source.facets[:, : labelled.vertex_tags.shape[1]])
+    more = np.setdiff1d(row_of_label[row_of_label >= 0], row_of_facet)
+    facets = np.concatenate([source.facets, facets_of_cells(source, table.owners(more))])
+    rows, is_known = np.concatenate([row_of_facet, more]), row_of_label >= 0
+    labels = dict[str, Ints]()
+    for name, values in labelled.values.items():
+        row_labels = np.full(len(table.vertices), min(-1, int(values.min()) - 1))
+        row_labels[row_of_label[is_known]] = values[is_known]
+        labels[name] = row_labels[rows]
+    return facets, labels

@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
+from hpcinv.solver.constraints import borders_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
 from hpcinv.solver.load_stepping import AdaptiveSteps
 from hpcinv.solver.methods.fallbacks import reach
 from hpcinv.solver.methods.method import UNLOADED, Guess, Method, Start
-from hpcinv.solver.methods.unknown_loads import UnknownLoads
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
 
@@ -19,6 +21,21 @@ AUGMENTATION = "augmentation"
 _MOST_UPDATES = 100  # of contacts
 _MOST_HALVINGS = 4
 """Halvings of an update of the contacts without a solution; raised, hopeless solves end later."""
+
+
+class UnknownLoads:
+    """The unknown numbers of a job, which its solves find with the state; there may be none.
+
+    The load factor leads from the unloaded body to what is given, with all loads.
+    """
+
+    def __init__(self, equations: Equations, equilibrium: Equilibrium) -> None:
+        self._borders = borders_of(equations.job, equations, equilibrium.system)
+        equilibrium.take_numbers(self._borders)
+
+    def reports(self, load: float) -> tuple[ConstraintReport, ...]:
+        """Return what the present state, a solution at a load factor, says about them; collective."""
+        return tuple(report for border in self._borders for report in border.reports(load))
 
 
 class DirectMethod(Method):

@@ -18,7 +18,7 @@ doi:10.1080/174159794088027573; JCGM 100:2008, *Guide to the expression of uncer
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 
@@ -30,15 +30,16 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityValue, Support
+from hpcinv.job.sections import QuantityValue, Shell, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
+from hpcinv.mesh import Body
+from hpcinv.mesh.body import local_node_values
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
-from hpcinv.trust.sensitivity.moving_nodes import node_rates
 from hpcinv.trust.sensitivity.sensitivities import Sensitivities, deviation_of, deviations_of
 from hpcinv.trust.sensitivity.slopes import SHORT, STEP, Change, ReferenceChange, change_limit, has_kinks, slopes
 
@@ -54,7 +55,7 @@ def _references(
         return {p.key: _reference(equations, p, *first) for p in numbers}
     references = {key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()}
     values = {p.key: p.value for p in numbers}
-    rates = node_rates(equations.body, numbers)
+    rates = _node_rates(equations.body, numbers)
     return references | {key: ReferenceChange(moved, None, values[key]) for key, moved in rates.items()}
 
 
@@ -264,3 +265,16 @@ def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float
     mine = None if here is None else (float(values[here]), [float(c) for c in points[here]])
     everywhere: list[tuple[float, list[float]] | None] = comm.allgather(mine)
     return max(entry for entry in everywhere if entry is not None)
+
+
+def _node_rates(body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
+    """Return derivatives (n, 3) of the local geometry nodes by those parameters that move them, by key; collective."""
+    return {p.key: _thickness_rate(body, p.value) for p in parameters if isinstance(p.owner, Shell)}
+
+
+def _thickness_rate(body: Body, thickness: float) -> Floats:
+    """Nodes of a column lie at fixed shares of the thickness from the given surface."""
+    surface, points = body.source.midsurface, body.source.points
+    assert surface is not None
+    columns = points - np.tile(surface.points, (len(points) // max(len(surface.points), 1), 1))
+    return local_node_values(body, columns / thickness)
