@@ -1,5 +1,7 @@
 """Ends of quantities over all contact pressures that a given shape admits."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,22 @@ from hpcinv.trust.intervals.admissible_pressures import (
 )
 
 
-def bar(gap: float = 0.5, **known: object) -> AdmissiblePressures:
+def near(
+    pressures: list[float],
+    gaps: list[float],
+    compliance: np.ndarray,
+    greatest: float = np.inf,
+    widest: float = np.inf,
+    force: tuple[float, float] | None = None,
+) -> AdmissiblePressures:
+    forces = [] if force is None else [(np.array([1.0, 3.0]), *force)]
+    bounds = np.full(len(pressures), greatest), np.full(len(gaps), widest)
+    return AdmissiblePressures(np.array(pressures), np.array(gaps), compliance, *bounds, forces)
+
+
+def bar(gap: float = 0.5, **known: Any) -> AdmissiblePressures:
     """Two springs of compliance 1 and 2 that press on each other without coupling; without pressure they are apart."""
-    compliance = -np.diag([1.0, 2.0])
-    return AdmissiblePressures(np.zeros(2), np.full(2, gap), compliance, np.array([1.0, 3.0]), **known)  # type: ignore[arg-type]
+    return near([0.0, 0.0], [gap, gap], -np.diag([1.0, 2.0]), **known)
 
 
 def test_pressure_is_between_none_and_where_the_undeformed_bodies_touch() -> None:
@@ -24,7 +38,7 @@ def test_pressure_is_between_none_and_where_the_undeformed_bodies_touch() -> Non
 
 
 def test_gaps_at_a_solution_with_pressures_are_those_there() -> None:
-    moved = AdmissiblePressures(np.array([0.5, 0.0]), np.array([0.0, 0.5]), -np.diag([1.0, 2.0]), np.ones(2))
+    moved = near([0.5, 0.0], [0.0, 0.5], -np.diag([1.0, 2.0]))
     assert moved.end(np.ones(2), 1.0) == pytest.approx([0.5, 0.25])
 
 
@@ -41,7 +55,7 @@ def test_what_is_known_narrows_the_interval(known: dict[str, object], expected: 
 
 
 def test_bound_of_the_undeformed_gap_raises_the_lower_end() -> None:
-    assert bar(rest_gap=0.1).end(np.ones(2), -1.0) == pytest.approx([0.4, 0.2])
+    assert bar(widest=0.1).end(np.ones(2), -1.0) == pytest.approx([0.4, 0.2])
 
 
 def test_bodies_that_overlap_without_pressure_admit_none() -> None:
@@ -51,7 +65,7 @@ def test_bodies_that_overlap_without_pressure_admit_none() -> None:
 
 
 def test_quantity_without_bound_is_said_to_have_none() -> None:
-    free = AdmissiblePressures(np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.ones(2))
+    free = near([0.0, 0.0], [0.0, 0.0], np.zeros((2, 2)))
     with pytest.raises(UnboundedEnd):
         free.end(np.array([0.0, 1.0]), 1.0)
 
@@ -60,13 +74,13 @@ def test_end_of_a_curved_quantity_settles_where_the_bodies_touch() -> None:
     """One spring whose gap is ``0.5 - p - p²/2``: it closes at √2 - 1; the quantity is p³ + p."""
 
     def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
-        near = AdmissiblePressures(p, 0.5 - p - p**2 / 2, -np.diag(1 + p), np.ones(1))
-        return float(p[0] ** 3 + p[0]), near, 3 * p**2 + 1
+        here = near(p.tolist(), (0.5 - p - p**2 / 2).tolist(), -np.diag(1 + p))
+        return float(p[0] ** 3 + p[0]), here, 3 * p**2 + 1
 
-    value, pressures, has_settled = settled_end(solve, lambda near, slopes: near.end(slopes, 1.0), np.zeros(1), 1e-9)
+    value, pressures, has_settled = settled_end(solve, lambda here, slopes: here.end(slopes, 1.0), np.zeros(1), 1e-9)
     p = 2**0.5 - 1
     assert has_settled
     assert pressures == pytest.approx([p])
     assert value == pytest.approx(p**3 + p)
-    least, _, _ = settled_end(solve, lambda near, slopes: near.end(slopes, -1.0), np.full(1, 0.3), 1e-9)
+    least, _, _ = settled_end(solve, lambda here, slopes: here.end(slopes, -1.0), np.full(1, 0.3), 1e-9)
     assert least == pytest.approx(0.0)

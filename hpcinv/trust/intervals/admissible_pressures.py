@@ -7,7 +7,7 @@ the pressures ``p₀``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,24 +33,23 @@ class NoPressure(Exception):
 
 @dataclass(frozen=True)
 class AdmissiblePressures:
-    """Pressures of n functions of an interface, in scaled units.
+    """Pressures of the n functions of interfaces, in scaled units.
 
     Attributes:
-        pressures, gaps: at a solution, (n,).
-        compliance: derivatives of the gaps by the pressures, (n, n).
-        greatest: bound of the pressures, ``inf`` for none.
-        areas: of the functions, (n,): their products with the pressures add up to the force.
-        force: bounds of the force.
-        rest_gap: bound of the gaps, ``inf`` for none.
+        pressures: at a solution, (n,).
+        gaps: at that solution, (m,).
+        compliance: derivatives of the gaps by the pressures, (m, n).
+        greatest: bounds of the pressures, (n,); ``inf`` for none.
+        widest: bounds of the gaps, (m,); ``inf`` for none.
+        forces: areas (n,), whose products with the pressures add up to a force, with the bounds of this force.
     """
 
     pressures: Floats
     gaps: Floats
     compliance: Floats
-    areas: Floats
-    greatest: float = np.inf
-    force: tuple[float, float] = (0.0, np.inf)
-    rest_gap: float = np.inf
+    greatest: Floats
+    widest: Floats
+    forces: Sequence[tuple[Floats, float, float]] = ()
 
     def end(self, slopes: Floats, sign: float) -> Floats:
         """Return the admissible pressures (n,) that make ``sign · slopes · p`` largest.
@@ -72,20 +71,16 @@ class AdmissiblePressures:
         raise UnboundedEnd
 
     @property
-    def _bounds(self) -> tuple[float, float]:
-        return 0.0, self.greatest
+    def _bounds(self) -> list[tuple[float, float]]:
+        return [(0.0, greatest) for greatest in self.greatest]
 
     def _rows(self) -> tuple[Floats, Floats]:
         """Return matrix A and bounds b of ``A p ≤ b``."""
         offset = self.gaps - self.compliance @ self.pressures
-        parts = [(-self.compliance, offset)]
-        if np.isfinite(self.rest_gap):
-            parts.append((self.compliance, self.rest_gap - offset))
-        parts += [
-            (sign * self.areas[None, :], np.array([sign * bound]))
-            for sign, bound in zip((-1.0, 1.0), self.force, strict=True)
-            if np.isfinite(bound)
-        ]
+        bounded = np.isfinite(self.widest)
+        parts = [(-self.compliance, offset), (self.compliance[bounded], (self.widest - offset)[bounded])]
+        for areas, least, greatest in self.forces:
+            parts += [(-areas[None, :], np.array([-least])), (areas[None, :], np.array([greatest]))]
         rows, limits = (np.concatenate(part) for part in zip(*parts, strict=True))
         return rows, limits
 
@@ -94,11 +89,9 @@ class AdmissiblePressures:
         from scipy.optimize import linprog
 
         rows, limits = self._rows()
-        count = len(self.pressures)
         free = np.hstack([rows, np.full((len(rows), 1), -1.0)])
-        found = linprog(
-            np.append(np.zeros(count), 1.0), A_ub=free, b_ub=limits, bounds=[self._bounds] * count + [(0, None)]
-        )
+        cost = np.append(np.zeros(len(self.pressures)), 1.0)
+        found = linprog(cost, A_ub=free, b_ub=limits, bounds=[*self._bounds, (0, None)], method="highs")
         return -float(found.fun) if found.status == 0 else 0.0
 
 

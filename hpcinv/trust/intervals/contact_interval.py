@@ -199,21 +199,23 @@ class _Pressed:
         numbers.destroy()
         for vector in (position, b, x):
             vector.destroy()
-        gaps = np.concatenate([gaps for gaps, _ in measured])
-        return self._admissible(pressures, gaps, np.array(columns).T), changes
+        return self._admissible(pressures, [gaps for gaps, _ in measured], np.array(columns).T), changes
 
-    def _admissible(self, pressures: Floats, gaps: Floats, compliance: Floats) -> AdmissiblePressures:
-        (pair,) = self._pairs
-        known, scales = pair.spec.known, self._scales
-        unit = scales.stress * scales.length**2
-        bounds: dict[str, object] = {}
-        if known.greatest_pressure is not None:
-            bounds["greatest"] = known.greatest_pressure / scales.stress
-        if known.greatest_rest_gap is not None:
-            bounds["rest_gap"] = known.greatest_rest_gap / scales.length
-        if known.force is not None:
-            bounds["force"] = known.force[0] / unit, known.force[1] / unit
-        return AdmissiblePressures(pressures, gaps, compliance, pair.areas[pair.pressing], **bounds)  # type: ignore[arg-type]
+    def _admissible(self, pressures: Floats, gaps: Sequence[Floats], compliance: Floats) -> AdmissiblePressures:
+        scales, numbers = self._scales, [len(pair.pressing) for pair in self._pairs]
+        unit, ends = scales.stress * scales.length**2, np.cumsum(numbers)
+        greatest, widest, forces = list[Floats](), list[Floats](), list[tuple[Floats, float, float]]()
+        for pair, own, end in zip(self._pairs, gaps, ends, strict=True):
+            known, count = pair.spec.known, len(pair.pressing)
+            pressure, gap = known.greatest_pressure, known.greatest_rest_gap
+            greatest.append(np.full(count, np.inf if pressure is None else pressure / scales.stress))
+            widest.append(np.full(len(own), np.inf if gap is None else gap / scales.length))
+            if known.force is not None:
+                areas = np.zeros(len(pressures))
+                areas[end - count : end] = pair.areas[pair.pressing]
+                forces.append((areas, known.force[0] / unit, known.force[1] / unit))
+        bounds = np.concatenate(greatest), np.concatenate(widest)
+        return AdmissiblePressures(pressures, np.concatenate(gaps), compliance, *bounds, forces)
 
 
 def _with_given_pressures(job: Job) -> Job:
