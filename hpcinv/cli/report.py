@@ -33,6 +33,16 @@ def add_report(commands: Any) -> None:
     report.set_defaults(command=_report)
 
 
+def _check_options(options: argparse.Namespace, *, is_sweep: bool, is_study: bool) -> None:
+    given: Path = options.input
+    if given.is_file() and not (is_sweep or is_study):
+        raise OutputError(f"{given}: is neither a sweep nor a study", "Of a job, give the directory of its run.")
+    if options.cases and not is_sweep:
+        raise OutputError(f"{given}: --cases is for sweeps")
+    if options.results and not is_study:
+        raise OutputError(f"{given}: --results is for studies")
+
+
 def _report(options: argparse.Namespace) -> int:
     given: Path = options.input
     if not given.exists():
@@ -40,12 +50,7 @@ def _report(options: argparse.Namespace) -> int:
     check_one_process("report")
     content = read_yaml(given) if given.suffix in JOBS else {}
     is_sweep, is_study = "axes" in content, "series" in content
-    if given.is_file() and not (is_sweep or is_study):
-        raise OutputError(f"{given}: is neither a sweep nor a study", "Of a job, give the directory of its run.")
-    if options.cases and not is_sweep:
-        raise OutputError(f"{given}: --cases is for sweeps")
-    if options.results and not is_study:
-        raise OutputError(f"{given}: --results is for studies")
+    _check_options(options, is_sweep=is_sweep, is_study=is_study)
     if is_sweep:
         print(_sweep_report(given, options.output, each=options.cases))
     elif is_study:

@@ -247,6 +247,11 @@ def _given_and_computed(states: Sequence[StateSpec]) -> tuple[str, list[str]]:
     return given, [name for name in names if name != given]
 
 
+def _below(where: KeyPath, faults: Faults) -> Faults:
+    """Return faults with their places below another place."""
+    return (((*where, *place), text) for place, text in faults)
+
+
 def faults_of_identification(
     section: Identification,
     owners: Mapping[str, Owner],
@@ -263,8 +268,7 @@ def faults_of_identification(
     if not section.parameters:
         yield ("parameters",), "must name one number of the job at least"
     for key, sought in section.parameters.items():
-        for place, text in _faults_of_parameter(key, sought or Sought(), owners):
-            yield ("parameters", key, *place), text
+        yield from _below(("parameters", key), _faults_of_parameter(key, sought or Sought(), owners))
     keys = section.keys
     yield from ((("parameters",), f"{keys[i]} is duplicated") for i in repeated(keys))
     titles = [observation.name for observation in section.observations]
@@ -274,12 +278,11 @@ def faults_of_identification(
         yield ("observations",), "must have one entry at least: one scan by itself fixes no material"
     known = {quantity.name: quantity for quantity in quantities}
     for i, observation in enumerate(section.observations):
-        faults = (
-            _faults_of_curve(observation, section, quantities, states, cavities)
-            if observation.is_curve
-            else _faults_of_observation(observation, known, shapes, given)
-        )
-        yield from ((("observations", i, *place), text) for place, text in faults)
+        if observation.is_curve:
+            faults = _faults_of_curve(observation, section, quantities, states, cavities)
+        else:
+            faults = _faults_of_observation(observation, known, shapes, given)
+        yield from _below(("observations", i), faults)
 
 
 def _faults_of_parameter(key: str, sought: Sought, owners: Mapping[str, Owner]) -> Faults:

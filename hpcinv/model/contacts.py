@@ -331,17 +331,20 @@ class _OneContact:
             return None
         return SurfaceDistance(self._resolve(obstacle.file), obstacle.unit, obstacle.flip, self._comm)
 
+    def _obstacle_size(self) -> tuple[float | None, tuple[Floats, Floats]]:
+        """Return the half thickness of the obstacle, if it is known, and the corners of a box around it, scaled."""
+        surface, length = self._surface, self._body.length_scale
+        if surface is None:
+            radius = getattr(self.par, "obstacle_radius", None)
+            return None if radius is None else present_value(radius), (np.full(3, -np.inf), np.full(3, np.inf))
+        thickness, (low, high) = surface.half_thickness, surface.bounds
+        return None if thickness is None else thickness / length, (low / length, high / length)
+
     def passage(self, unknowns: Unknowns) -> Passage | None:
         if not (self.depends_on_state and self.effect.obstacle.can_be_passed):
             return None
         par, surface, length = self.par, self._surface, self._body.length_scale
-        size, bounds = None, (np.full(3, -np.inf), np.full(3, np.inf))
-        if (radius := getattr(par, "obstacle_radius", None)) is not None:
-            size = present_value(radius)
-        if surface is not None:
-            bounds = surface.bounds[0] / length, surface.bounds[1] / length
-            thickness = surface.half_thickness
-            size = None if thickness is None else thickness / length
+        size, bounds = self._obstacle_size()
 
         def surface_distance(points: Floats) -> tuple[Floats, Floats]:
             assert surface is not None

@@ -31,11 +31,7 @@ def check_fields(job: Job, fields: BodyFields) -> None:
         MeshError: on all ranks, for the first invalid region or field.
     """
     law_cells(fields.body, job.laws)
-    for where, effect in job.named_effects:
-        for region, field in effect.surfaces.items():
-            with naming_field(f"{where}.{field}"):
-                facets = fields.body.boundary_facets(region)
-                _REGION_CHECKS.get(effect.only_of_kind, _admit)(fields, region, facets)
+    _check_regions(job, fields)
     for where, ingredient in [*job.laws.items(), *job.named_effects]:
         _check_bounds(fields, where, ingredient)
     for where, law in job.laws.items():
@@ -50,6 +46,15 @@ def check_fields(job: Job, fields: BodyFields) -> None:
             directions = {name: _directions(fields, job.families[f"fibres.{name}"], where) for name in effect.families}
             for what, values in effect.positive(_samples(fields, where, effect), directions).items():
                 _require_positive(fields, values, f"{where}: {what}")
+
+
+def _check_regions(job: Job, fields: BodyFields) -> None:
+    """Check the regions of the boundary on which effects act."""
+    for where, effect in job.named_effects:
+        for region, field in effect.surfaces.items():
+            with naming_field(f"{where}.{field}"):
+                facets = fields.body.boundary_facets(region)
+                _REGION_CHECKS.get(effect.only_of_kind, _admit)(fields, region, facets)
 
 
 def _check_moduli(fields: BodyFields, where: str, law: MaterialLaw) -> None:

@@ -52,17 +52,19 @@ def _round_trips(lines: Sequence[Mapping[str, Any]], solutions: Sequence[Mapping
     return [share * float(solutions[0]["largest_displacement"]) for share in shares if solutions]
 
 
+def _surface_deviations(surface: Mapping[str, Any]) -> list[float]:
+    """Return the known standard deviations (m) of shapes by errors of the given surface."""
+    shapes = surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}
+    return [float(shape["sd"]) for shape in shapes.values() if shape["sd"] is not None]
+
+
 def shape_error(summary: Mapping[str, Any]) -> ShapeError | None:
     """Return the errors that a summary has of its shapes, over all states; ``None`` if it has none."""
     certificate, causes = summary["certificate"], dict[str, float]()
     estimate = certificate.get("estimate") or {}
     if estimate.get("shape") is not None:
         causes["mesh"] = float(estimate["shape"])
-    surface = summary.get("surface_errors") or {}
-    deviations = [
-        shape["sd"] for shape in (surface.get("shapes") or {"": surface.get("shape") or {"sd": None}}).values()
-    ]
-    if known := [float(sd) for sd in deviations if sd is not None]:
+    if known := _surface_deviations(summary.get("surface_errors") or {}):
         causes["surface"] = max(known)
     gaps = _round_trips(certificate["lines"], summary["solutions"])
     if causes and gaps and max(gaps) > max(causes.values()):

@@ -27,14 +27,9 @@ _SMALL = 1e-4
 _TURNS = 0.02  # squares of a motion by its rotation, relative to its translation; above it the motion is called a turn
 
 
-def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, failures: int) -> list[str]:
-    """Return lines on the motion that the load would cause, after some failures; collective.
-
-    It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
-    factor. The state is unchanged, the factors are new. Without a factorization there are no lines. Further lines name
-    supports that are to be blamed, steps of a flat shell, and effects that are formulas of the unknown body.
-    """
-    system, comm = equilibrium.system, body.mesh.comm
+def _moved_and_motion(job: Job, equilibrium: Equilibrium, load: float) -> tuple[Floats, Floats] | None:
+    """Return places and motions (scaled) of the owned nodes of the displacement; ``None`` without a factorization."""
+    system = equilibrium.system
     x = system.position()
     start = x.copy()
     if not system.is_on_path:
@@ -50,8 +45,22 @@ def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, 
     x.destroy()
     start.destroy()
     if tangent is None or not np.isfinite(tangent.slope):
+        return None
+    return moved, (1 - load) / tangent.slope * np.array(tangent.direction.array)[dofs].reshape(-1, 3)
+
+
+def failing_motion(job: Job, body: Body, equilibrium: Equilibrium, load: float, failures: int) -> list[str]:
+    """Return lines on the motion that the load would cause, after some failures; collective.
+
+    It is the one at the unloaded body, or, on a path from another state, at the present one, a solution at a load
+    factor. The state is unchanged, the factors are new. Without a factorization there are no lines. Further lines name
+    supports that are to be blamed, steps of a flat shell, and effects that are formulas of the unknown body.
+    """
+    system, comm = equilibrium.system, body.mesh.comm
+    found = _moved_and_motion(job, equilibrium, load)
+    if found is None:
         return []
-    motion = (1 - load) / tangent.slope * np.array(tangent.direction.array)[dofs].reshape(-1, 3)
+    moved, motion = found
     lengths = np.linalg.norm(motion, axis=1)
     here = int(lengths.argmax()) if len(lengths) else -1
     mine = (float(lengths[here]), tuple(moved[here].tolist())) if here >= 0 else (-1.0, ())

@@ -155,16 +155,20 @@ class _Body:
         named = {f"cells:{_name(self._deck, 'property', tag)}": members for tag, members in self._properties.items()}
         nodes = set(self.tags)
         elements = {tag for numbers, _ in self.blocks.solids.values() for tag in numbers} | self.blocks.others.keys()
-        for tag, text in self._deck.case_sets.items():  # requests of output, which may be ALL or other numbers
-            with contextlib.suppress(Fault):
-                members = _members(re.split(r"[,\s]+", text), f"SET {tag}")
-                if all_in(members, nodes) or all_in(members, elements):
-                    self._listed.setdefault(tag, ("", members))
+        self._list_case_sets(nodes, elements)
         for tag, (kind, members) in self._listed.items():
             is_of_cells = not all_in(members, nodes) and all_in(members, elements)
             kind = kind or self._deck.kinds.get(tag, "") or ("cells" if is_of_cells else "nodes")
             named[f"{kind}:{_name(self._deck, 'set', tag)}"] = members
         return named
+
+    def _list_case_sets(self, nodes: set[int], elements: set[int]) -> None:
+        """List the sets of requests of output that have nodes or elements; others may be ALL, or other numbers."""
+        for tag, text in self._deck.case_sets.items():
+            with contextlib.suppress(Fault):
+                members = _members(re.split(r"[,\s]+", text), f"SET {tag}")
+                if all_in(members, nodes) or all_in(members, elements):
+                    self._listed.setdefault(tag, ("", members))
 
     _READERS: ClassVar[dict[str, Callable[["_Body", _Card], None]]] = {
         "GRID": _read_point,

@@ -28,16 +28,20 @@ def symbols(
         state: supports and effects of the state instead of the job's.
         units: by SI unit the symbol of the unit in which values are shown.
     """
-    drawn = []
     drawn = [_support(support, boundary) for support in state.get("supports") or job.get("supports") or ()]
     for effect in state.get("effects") or job.get("effects") or ():
         load = _load(effect, boundary, units or {})
-        if effect["effect"] == "pressure" and not effect.get("pressure"):
-            cavities = job.get("cavities") or {}
-            names = [name for name, cavity in cavities.items() if effect["region"] in _surfaces(cavity)]
-            load["label"] += "".join(f": found, in cavity {name}" for name in names)
+        load["label"] += _found_in(effect, job.get("cavities") or {})
         drawn.append(load)
     return drawn
+
+
+def _found_in(effect: Mapping[str, Any], cavities: Mapping[str, Any]) -> str:
+    """Return the end of the label of a pressure that the solve finds; "" for other loads."""
+    if effect["effect"] != "pressure" or effect.get("pressure"):
+        return ""
+    names = [name for name, cavity in cavities.items() if effect["region"] in _surfaces(cavity)]
+    return "".join(f": found, in cavity {name}" for name in names)
 
 
 def _support(support: Mapping[str, Any], boundary: Boundary) -> dict[str, Any]:

@@ -136,7 +136,10 @@ class Axis(Spec):
             yield (), f"must be one of {', '.join(KINDS)}, table, not {kinds}"
             return
         [kind] = given
-        content = getattr(self, kind)
+        yield from self._faults_of_content(kind, getattr(self, kind))
+        yield from self._faults_of_sample(kind)
+
+    def _faults_of_content(self, kind: str, content: Mapping[str, Any]) -> Faults:
         if not content:
             yield (kind,), "must have at least one entry"
         if kind in LISTS:
@@ -146,7 +149,6 @@ class Axis(Spec):
         for label, branch in content.items() if kind == "branches" else ():
             if self.name in branch.keys:
                 yield ("branches", label), f"'{self.name}' is also the name of these branches; give them another 'name'"
-        yield from self._faults_of_sample(kind)
 
     def _faults_of_sample(self, kind: str) -> Faults:
         """Yield keys that a kind of axis lacks, or that belong to another kind."""

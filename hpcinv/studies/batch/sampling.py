@@ -78,14 +78,20 @@ def read_distribution(given: object) -> Distribution:
         what = "mean and standard deviation" if kind == "normal" else "the two ends of a range"
         raise ValueError(f"must be {what}, such as {_EXAMPLES[kind]}, not {shown(values)}")
     first, second, dimension = _same_dimension(values)
-    if kind == "normal":
-        if not second > 0:
-            raise ValueError(f"must have a standard deviation above 0, not {values[1]}")
-    elif not first < second:
-        raise ValueError(f"must begin below its end, not {values[0]} and {values[1]}")
-    if kind == "log-uniform" and first <= 0:
-        raise ValueError(f"must begin above 0 to be log-uniform, not with {values[0]}")
+    if fault := _fault_of_numbers(kind, first, second, values):
+        raise ValueError(fault)
     return Distribution(kind, first, second, dimension)
+
+
+def _fault_of_numbers(kind: str, first: float, second: float, values: Sequence[object]) -> str:
+    """Return what is wrong with the two numbers of a distribution, given as ``values``; "" if they are valid."""
+    if kind == "normal":
+        return "" if second > 0 else f"must have a standard deviation above 0, not {values[1]}"
+    if not first < second:
+        return f"must begin below its end, not {values[0]} and {values[1]}"
+    if kind == "log-uniform" and first <= 0:
+        return f"must begin above 0 to be log-uniform, not with {values[0]}"
+    return ""
 
 
 def _same_dimension(values: Sequence[object]) -> tuple[float, float, Dimension | None]:

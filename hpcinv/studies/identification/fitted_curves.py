@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.job.filling_points import filling_points
+from hpcinv.job.identification import Observation
 from hpcinv.job.job import Job
 from hpcinv.output.result import Result
 from hpcinv.pages.pictures.figures import as_files, new_figure, style
@@ -82,28 +83,32 @@ def fitted_curves(
         posterior: its quantiles are the bands, if there is one.
     """
     assert job.identify is not None
-    curves = []
-    for spec in job.identify.observations:
-        if not spec.is_curve:
-            continue
-        curve = filling_curve(spec, job, result.body)
-        known = filling_points(str(spec.cavity), job.cavities, job.quantities, job.states)
-        volume, pressure = given_point(job, result.body, str(spec.cavity))
-        points = [FittedPoint("", pressure, volume, 0.0, (volume, volume), curve.volume(pressure))]
-        for point in known:
-            value, sd = (float(np.ravel(numbers[point.quantity])[0]) for numbers in (result.quantities, deviations))
-            low, high = (value - 2 * sd, value + 2 * sd) if posterior is None else posterior.band(point.quantity)
-            band = float(low), float(high)
-            points.append(FittedPoint(point.quantity, point.pressure, value, sd, band, curve.volume(point.pressure)))
-        points.sort(key=lambda point: point.pressure)
-        end = (curve.end_volume, curve.end_pressure) if isinstance(curve, KlotzCurve) else None
-        highest = max(point.pressure for point in points)
-        pressures = (
-            np.linspace(0.0, highest, _SAMPLES) if spec.klotz else np.array([p.pressure for p in spec.curve or ()])
-        )
-        observed = pressures.tolist(), [curve.volume(float(pressure)) for pressure in pressures]
-        curves.append(FittedCurve(spec.name, str(spec.cavity), spec.kind, spec.sd.value, points, end, observed))
-    return curves
+    specs = [spec for spec in job.identify.observations if spec.is_curve]
+    return [_fitted_curve(spec, job, result, deviations, posterior) for spec in specs]
+
+
+def _fitted_curve(
+    spec: Observation,
+    job: Job,
+    result: Result,
+    deviations: Mapping[str, float | list[float]],
+    posterior: Posterior | None,
+) -> FittedCurve:
+    curve = filling_curve(spec, job, result.body)
+    known = filling_points(str(spec.cavity), job.cavities, job.quantities, job.states)
+    volume, pressure = given_point(job, result.body, str(spec.cavity))
+    points = [FittedPoint("", pressure, volume, 0.0, (volume, volume), curve.volume(pressure))]
+    for point in known:
+        value, sd = (float(np.ravel(numbers[point.quantity])[0]) for numbers in (result.quantities, deviations))
+        low, high = (value - 2 * sd, value + 2 * sd) if posterior is None else posterior.band(point.quantity)
+        band = float(low), float(high)
+        points.append(FittedPoint(point.quantity, point.pressure, value, sd, band, curve.volume(point.pressure)))
+    points.sort(key=lambda point: point.pressure)
+    end = (curve.end_volume, curve.end_pressure) if isinstance(curve, KlotzCurve) else None
+    highest = max(point.pressure for point in points)
+    pressures = np.linspace(0.0, highest, _SAMPLES) if spec.klotz else np.array([p.pressure for p in spec.curve or ()])
+    observed = pressures.tolist(), [curve.volume(float(pressure)) for pressure in pressures]
+    return FittedCurve(spec.name, str(spec.cavity), spec.kind, spec.sd.value, points, end, observed)
 
 
 def picture(curve: FittedCurve) -> bytes:

@@ -90,14 +90,17 @@ def _joined(section: str, added: Sequence[str], old: Any) -> Any:
     values = [read_text(f"{{{entry}}}" if section == "regions" else entry, f"{section}: {entry}") for entry in added]
     if not all(isinstance(value, Mapping) and value for value in values):
         raise JobError(f"{section}: an entry must have a name")
-    if section == "quantities":
-        return [*values, *(old or [])]
-    kept, regions = old or {}, dict[str, Any]()
-    for name, rule in chain(*(value.items() for value in values)):
+    return [*values, *(old or [])] if section == "quantities" else _with_regions(values, old or {})
+
+
+def _with_regions(added: Sequence[Mapping[str, Any]], kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return regions with others before them; raise ``JobError`` if a name is taken."""
+    regions = dict[str, Any]()
+    for name, rule in chain(*(value.items() for value in added)):
         if name in kept or name in regions:
             raise JobError(f"regions: there is a region '{name}': choose another name")
         regions[name] = rule
-    return regions | kept
+    return {**regions, **kept}
 
 
 def _entries(body: bytes | None) -> list[tuple[str, str]]:

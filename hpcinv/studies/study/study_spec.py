@@ -238,11 +238,8 @@ class Study(Spec):
         raise_if_any(((name,), "is the name of another column") for name in costs if name in taken)
         return costs
 
-    def _contradictions(self, info: ValidationInfo) -> Faults:
-        steps = sum(series.steps for series in self.series)
-        if (runs := steps * axes.number_of(self.cases)) > MOST:
-            yield ("cases",), f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it"
-        names = [series.name for series in self.series]
+    def _faults_of_references(self, names: Sequence[str]) -> Faults:
+        """Yield the faults of references, for the names of the series."""
         for key, reference in self.reference.items():
             if reference.series is not None and reference.series not in names:
                 text = f"there is no series '{reference.series}'.{did_you_mean(reference.series, names)}"
@@ -252,6 +249,13 @@ class Study(Spec):
         yield from self._not_measured(("reference",), [key for key in self.reference if key != "all"])
         missing = [] if "all" in self.reference else [key for key in self.measure if key not in self.reference]
         yield from ((("reference",), f"is needed for '{key}' too") for key in missing)
+
+    def _contradictions(self, info: ValidationInfo) -> Faults:
+        steps = sum(series.steps for series in self.series)
+        if (runs := steps * axes.number_of(self.cases)) > MOST:
+            yield ("cases",), f"make {runs:,} runs, but a study can have no more than {MOST:,}; split it"
+        names = [series.name for series in self.series]
+        yield from self._faults_of_references(names)
         if self.beside is not None:
             yield from self._unknown_names(self.beside, names)
 

@@ -13,7 +13,7 @@ from hpcinv.trust.certificate.check import Line, Verdict, topic
 INTERVAL = topic(
     "interval of '…' over all contact pressures that the shape admits",
     "A given shape does not determine the pressure between its bodies: the quantity may lie anywhere in this interval.",
-    "Say what is 'known' of the contact (greatest_pressure, greatest_rest_gap, force), or measure a state without it.",
+    "Say what is 'known' of the contact, or measure a state of the bodies without it.",
     computed="linear programs, confirmed by solves ([intervals](../how-to/interfaces.md#what-a-shape-leaves-open))",
     thresholds="never; not decided where an end does not exist or settle",
     costs="for each end some factorizations, with a substitution for each pressure",
@@ -21,7 +21,7 @@ INTERVAL = topic(
 ADMISSIBLE = topic(
     "contact pressures that the shape admits",
     "Whether unloaded bodies exist that do not overlap, for some contact pressure.",
-    "Check travel, supports and segmentation: the travel is too short, or the surfaces overlap.",
+    "Check supports and segmentation: bodies travel too little, or overlap.",
     computed="linear program for the widest of all smallest gaps",
     thresholds="where there is none; never",
 )

@@ -26,6 +26,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import jacobians, quadrature, scalar_element
 from hpcinv.model.quadrature_values import QuadratureValues
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.physics.materials import MaterialLaw
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.certify import Check, CheckedRun
@@ -117,6 +118,15 @@ def _where(equations: Equations, solution: Solution, sign: int) -> str:
     return text if part < SHARE * whole else f"{text}: no elastic law of a solid was measured so far"
 
 
+def _is_stiff(law: MaterialLaw, par: Any) -> Any:
+    """Return 1 where a law is nearly incompressible, else 0."""
+    ratio = law.stiffness_ratio
+    if ratio is not None:
+        return float(ratio >= STIFF)
+    stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))  # moduli vary in the body
+    return ufl.conditional(stiff, ufl.as_ufl(1.0), ufl.as_ufl(0.0))
+
+
 def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
     """Return the strain exceeded in `SHARE` of the nearly incompressible volume; ``None`` if there is none."""
     laws, mesh = list(equations.job.laws.values()), equations.body.mesh
@@ -132,11 +142,9 @@ def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
         par, strain = weak_form.parameters.quantities(number), part.dilatation
         if p is not None and not law.is_incompressible:
             strain = strain + p / law.volumetric_modulus(par)
-        counts: Any = float((ratios[number] or 0.0) >= STIFF)
-        if ratios[number] is None:  # moduli vary in the body
-            stiff = ufl.ge(law.bulk_modulus(par), STIFF * law.shear_modulus(par))
-            counts = ufl.conditional(stiff, ufl.as_ufl(1.0), ufl.as_ufl(0.0))
-        values = QuadratureValues(ufl.as_vector([strain, counts * size]), mesh, weak_form.quadrature_degree, part.cells)
+        values = QuadratureValues(
+            ufl.as_vector([strain, _is_stiff(law, par) * size]), mesh, weak_form.quadrature_degree, part.cells
+        )
         for some, samples in values:
             samples[..., 1] *= weights
             cells.append(some)

@@ -114,6 +114,10 @@ def joined_sensitivities(
 class SurfaceSpread(Protocol):
     """Standard deviations that errors of the given surface cause."""
 
+    @property
+    def seconds(self) -> float:
+        """Time that they took."""
+
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
 
