@@ -1,6 +1,6 @@
 """Section of a job file with interfaces: two surfaces of one mesh that are tied, slide on each other, or touch."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo
@@ -53,6 +53,8 @@ class Interface(Spec):
             yield ("between",), "names one region twice: name the two surfaces that face each other"
         if self.closure is not None and self.kind != "contact":
             yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
+        if self.closure is None and self.known.model_fields_set:
+            yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
         if (self.closure == "gap") != (self.rest_gap is not None):
             yield ("rest_gap",), "must be given with 'closure: gap', and only then"
 
@@ -62,19 +64,27 @@ class Interface(Spec):
         return self.closure in ("conforming", "gap")
 
 
-def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str]) -> Faults:
-    """Yield the faults of interfaces, with their places among them, for the directions of a job."""
+def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str], uncertainty: str | None) -> Faults:
+    """Yield the faults of interfaces, with their places in a job, for its directions and its key ``uncertainty``."""
     for i, interface in enumerate(interfaces):
-        if interface.kind != "contact":
-            continue
-        if interface.closure is None and "inverse" in directions:
-            text = (
-                "is missing: a given deformed shape does not determine the pressure between its bodies, since their"
-                " gap is 0; assume 'touching', 'conforming' or 'gap', or 'given' after a forward solve"
+        if interface.kind == "contact":
+            yield from (
+                (("interfaces", i, "closure"), text) for text in _fault_of_closure(interface.closure, directions)
             )
-            yield (i, "closure"), text
-        elif interface.closure is not None and "inverse" not in directions:
-            yield (i, "closure"), "is not valid in a forward analysis, which finds the pressure: leave it out"
-        elif (interface.closure == "given") != (directions[0] == "forward") and interface.closure is not None:
-            text = "must be 'given' in a round trip that begins with the forward solve, and only there"
-            yield (i, "closure"), text
+        if interface.known.model_fields_set and not uncertainty:
+            yield ("interfaces", i, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
+    if uncertainty and not any(interface.closure for interface in interfaces):
+        yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
+
+
+def _fault_of_closure(closure: Closure | None, directions: Sequence[str]) -> Iterator[str]:
+    if "inverse" not in directions:
+        if closure is not None:
+            yield "is not valid in a forward analysis, which finds the pressure: leave it out"
+    elif closure is None:
+        yield (
+            "is missing: a given deformed shape does not determine the pressure between its bodies, since their gap is"
+            " 0; assume 'touching', 'conforming' or 'gap', or 'given' after a forward solve"
+        )
+    elif (closure == "given") != (directions[0] == "forward"):
+        yield "must be 'given' in a round trip that begins with the forward solve, and only there"

@@ -521,9 +521,7 @@ class Job(Spec):
         yield from kind_rules.unsuited(self)
         yield from unsuited_controls(self)
         yield from refused_combinations(self)
-        yield from rules.below(("interfaces",), faults_of_interfaces(self.interfaces, self.directions))
-        if self.uncertainty and not any(interface.closure for interface in self.interfaces):
-            yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
+        yield from faults_of_interfaces(self.interfaces, self.directions, self.uncertainty)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))

@@ -12,13 +12,13 @@ from hpcinv.on_demand import FUNCTIONS, on_demand
 
 
 @pytest.mark.parametrize("place", FUNCTIONS.values())
-def test_every_function_exists(place: str) -> None:
+def test_every_function_or_class_exists(place: str) -> None:
     module, _, function = place.partition(":")
     spec = find_spec(module)
     assert spec is not None
     assert spec.origin is not None
     tree = ast.parse(Path(spec.origin).read_text())
-    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
 
 
 def test_a_missing_package_of_the_project_is_one_message(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,6 +83,8 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
         ({"closure": "gap"}, "inverse", "rest_gap: must be given"),
         ({"closure": "conforming", "known": {"greatest_pressure": -1.0}}, "inverse", "must be positive"),
         ({"closure": "conforming", "kind": "tied"}, "inverse", "is not valid with 'kind: tied'"),
+        ({"kind": "tied", "known": {"greatest_pressure": 1.0}}, "inverse", "known: is not valid without a 'closure'"),
+        ({"closure": "touching", "known": {"greatest_pressure": 1.0}}, "inverse", "known: bounds an interval"),
     ],
 )
 def test_closures_that_do_not_fit_are_refused(contact: dict[str, Any], analysis: str, match: str) -> None:
