@@ -164,8 +164,8 @@ def _next_signal(arrived: int) -> bytes | None:
 def _wait_for_signals(arrived: int) -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # signals go to the main thread
     while True:
-        late_end = _late_end
-        left = None if late_end.due == math.inf else max(0.0, late_end.due - time.monotonic())
+        due = _late_end.due  # the thread that waits must not keep the object, which knows the whole run
+        left = None if due == math.inf else max(0.0, due - time.monotonic())
         if not select.select([arrived], [], [], left)[0]:
             _late_end.call_if_due()
             continue
