@@ -43,11 +43,20 @@ def test_unloaded_bodies_have_the_assumed_gap_and_close(gap: float, comm: MPI.In
     assert "assumed" in there.assumption
 
 
-def test_bodies_that_touch_without_pressure_close_although_they_overlap(comm: MPI.Intracomm) -> None:
+def test_bodies_with_the_pressure_of_a_forward_solve_have_its_gap(comm: MPI.Intracomm) -> None:
+    apart = BLOCKS | {"parameters": BLOCKS["parameters"] | {"gap": 0.01}}
+    result = solved(comm, {"closure": "given"}, mesh=apart, analysis="round_trip", first="forward")
+    assert result.errors["round_trip"]["max"] < 1e-10
+    assert result.solutions[1].contacts[0].distance == pytest.approx(0.01, abs=1e-9)
+    assert result.solutions[1].contacts[0].penetration < 1e-9
+
+
+def test_bodies_that_touch_without_pressure_are_apart_unloaded_and_close(comm: MPI.Intracomm) -> None:
     result = solved(comm, {"closure": "touching"}, analysis="round_trip", first="inverse")
     assert result.errors["round_trip"]["max"] < 1e-6
     assert result.solutions[0].contacts[0].largest_pressure == 0.0
-    assert result.solutions[0].contacts[0].penetration > 1e-5
+    assert result.solutions[0].contacts[0].penetration == 0.0
+    assert result.quantities["gap"] > 0.54
 
 
 @pytest.mark.parallel([2, 1])

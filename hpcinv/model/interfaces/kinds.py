@@ -9,7 +9,7 @@ contact  distance                              max(0, p), rounded near 0
 =======  ====================================  =====================================
 
 Distances are along mean normals of the first surface: of the loaded bodies in forward problems. In inverse problems
-the gap of ``sliding`` is the unloaded bodies', and the pressure of ``contact`` is given.
+gaps are the unloaded bodies'; the pressure of ``contact`` is given, or found by the gap that a closure assumes.
 """
 
 from __future__ import annotations

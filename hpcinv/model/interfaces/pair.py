@@ -350,8 +350,7 @@ class SurfacePair:
             return
         self._place = x.copy(), u.copy()
         current, pressed = self._searched(x, u if self._sign > 0 else None)
-        unloaded = self._sign < 0 and self.is_iterated
-        self._set_jumps(current, self._jump(x, -u) if unloaded else current, pressed)
+        self._set_jumps(current, self._jump(x, -u) if self._sign < 0 else current, pressed)
         gaps = self._gap_jump.gaps - self._wanted_gaps
         measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
         self._offsets = self._sign * measured - self._products(unknowns.state.x.petsc_vec)
@@ -435,6 +434,8 @@ class SurfacePair:
 
     def report(self, scales: Scales) -> ContactReport:
         """Return the results of the present state."""
+        if not self.is_iterated:
+            self.locate()  # no update has measured the gaps there
         tractions, unit = self._tractions()[0], scales.stress
         gaps = self._signed_gaps() * self._sign
         if self._law.has_vectors:
