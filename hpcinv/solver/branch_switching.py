@@ -22,8 +22,6 @@ from hpcinv.solver.bordering import Bordering, Corrected
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.power_series import PowerSeries
 
-"""Strategy of the solve that ends on another path."""
-
 _STEP = 0.1
 """Largest rotation (rad) or strain of the first step along the other path. A smaller one begins where the tangent is
 nearly singular; after a larger one Newton's method may find another equilibrium."""

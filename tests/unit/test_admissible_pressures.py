@@ -64,6 +64,12 @@ def test_bodies_that_overlap_without_pressure_admit_none() -> None:
     assert raised.value.gap == pytest.approx(-0.04)
 
 
+def test_bounds_that_exclude_all_pressures_are_no_overlap() -> None:
+    with pytest.raises(NoPressure) as raised:
+        bar(force=(9.0, 10.0)).end(np.ones(2), 1.0)
+    assert raised.value.gap == pytest.approx(0.0, abs=1e-12)
+
+
 def test_quantity_without_bound_is_said_to_have_none() -> None:
     free = near([0.0, 0.0], [0.0, 0.0], np.zeros((2, 2)))
     with pytest.raises(UnboundedEnd):

@@ -8,7 +8,7 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.errors import SolveError
 from hpcinv.on_demand import on_demand
 from hpcinv.trust.certificate.certify import Check, CheckedRun
-from hpcinv.trust.certificate.check import Line, Verdict, topic
+from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
 
 INTERVAL = topic(
     "interval of '…' over all contact pressures that the shape admits",
@@ -43,7 +43,10 @@ class ContactIntervalCheck(Check):
             note = f"a body is held by contact alone, or a solve failed: {reason.message}"
             yield Line(ADMISSIBLE, None, "", "ends must exist", Verdict.UNDECIDED, note)
             return
-        if found.overlap:
+        if found.overlap == 0.0:
+            note = "what is 'known' excludes all pressures of bodies that do not overlap"
+            yield Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
+        elif found.overlap is not None:
             note = f"no unloaded bodies exist that do not overlap: by at least {readable(found.overlap, 'm')}"
             yield Line(ADMISSIBLE, found.overlap, "m", "warning if there is none", Verdict.WARN, note)
         for interval in found.intervals:
@@ -55,6 +58,8 @@ class ContactIntervalCheck(Check):
             )
             verdict = Verdict.PASS if has_ends and interval.has_settled else Verdict.UNDECIDED
             yield Line(INTERVAL.placed(interval.name), width, "", "width; no threshold", verdict, note)
+        if not found.intervals and found.overlap is None:
+            yield skipped(ADMISSIBLE, "there is no quantity of one number: add one to 'quantities'")
         if found.intervals:
             note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
             about = INTERVAL.placed("shape")

@@ -23,7 +23,7 @@ class NoPressure(Exception):
     """Raised if no pressure is admissible.
 
     Attributes:
-        gap: largest value, below 0, that the smallest gap can have.
+        gap: largest value, below 0, that the smallest gap can have; 0 if only the given bounds exclude all pressures.
     """
 
     def __init__(self, gap: float) -> None:
@@ -65,9 +65,9 @@ class AdmissiblePressures:
         if found.status == 0:
             pressures: Floats = found.x
             return pressures
-        least = self._widest()
-        if least < 0:
-            raise NoPressure(least)
+        if self._least_slack(rows, limits) < 0:
+            count = len(self.gaps)  # rows of gaps that are not negative come first
+            raise NoPressure(self._least_slack(rows[:count], limits[:count]))
         raise UnboundedEnd
 
     @property
@@ -84,11 +84,10 @@ class AdmissiblePressures:
         rows, limits = (np.concatenate(part) for part in zip(*parts, strict=True))
         return rows, limits
 
-    def _widest(self) -> float:
-        """Return the largest value, at most 0, that the least slack of all bounds can have."""
+    def _least_slack(self, rows: Floats, limits: Floats) -> float:
+        """Return the largest value, at most 0, that the least slack of ``A p ≤ b`` can have for some pressures."""
         from scipy.optimize import linprog
 
-        rows, limits = self._rows()
         free = np.hstack([rows, np.full((len(rows), 1), -1.0)])
         cost = np.append(np.zeros(len(self.pressures)), 1.0)
         found = linprog(cost, A_ub=free, b_ub=limits, bounds=[*self._bounds, (0, None)], method="highs")

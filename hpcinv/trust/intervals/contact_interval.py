@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
@@ -24,6 +26,7 @@ from hpcinv.model.interfaces.pair import SurfacePair
 from hpcinv.results.quantities_of_interest import evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.trust.intervals.admissible_pressures import (
     AdmissiblePressures,
     NoPressure,
@@ -34,7 +37,7 @@ from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.trust.sensitivity.slopes import Change, slopes
 
 _SETTLED = 1e-6
-"""An end has settled if one more program moves the quantity less, relative to its distance from the start."""
+"""Change of a quantity by one more program at which its end has settled, relative to its value or distance."""
 _ACCURACY = 1e-10  # of solves with given pressures
 
 
@@ -58,13 +61,14 @@ class ContactIntervals:
 
     Attributes:
         distance: largest distance (m) between two unloaded shapes at ends, a lower bound of what is undetermined.
-        overlap: depth (m) to which the unloaded bodies overlap for every pressure; 0 where some are admissible.
+        overlap: depth (m) to which the unloaded bodies overlap for every pressure, 0 if what is known excludes all;
+            ``None`` where some are admissible.
         count: number of pressures.
     """
 
     intervals: tuple[Interval, ...]
     distance: float
-    overlap: float
+    overlap: float | None
     count: int
 
 
@@ -73,15 +77,31 @@ def contact_intervals(equations: Equations, solution: Solution) -> ContactInterv
 
     It takes, for each end, some factorizations, each with a substitution for each pressure.
     """
-    problem = _Pressed(equations, solution)
-    found, overlap = list[Interval](), 0.0
+    problem, overlap = _Pressed(equations, solution), None
+    found = list[Interval]()
     try:
         for name in problem.names:
             found.append(problem.interval(name))
     except NoPressure as reason:
         overlap = -reason.gap * equations.scales.length
-    equations.put(solution)
+    finally:
+        problem.destroy()
+        equations.put(solution)
     return ContactIntervals(tuple(found), problem.distance, overlap, problem.count)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """A solve with given pressures.
+
+    Attributes:
+        values, slopes: of the quantities, and their derivatives (n,) by the pressures.
+        near: pressures that are admissible near these.
+    """
+
+    values: dict[str, float]
+    near: AdmissiblePressures
+    slopes: dict[str, Floats]
 
 
 class _Pressed:
@@ -89,36 +109,45 @@ class _Pressed:
 
     def __init__(self, equations: Equations, solution: Solution) -> None:
         self._scales, self._body, self._solution = equations.scales, equations.body, solution
-        job = _with_given_pressures(solution.job)
-        self._job = job
-        self._equations = Equations(job, equations.body, equations.timings, equations)
+        self._job = _with_given_pressures(solution.job)
+        self._equations = Equations(self._job, equations.body, equations.timings, equations)
         self._fields, self._shapes = solution.fields, list[Floats]()
         weak_form = equations.weak_form("inverse")
         equations.put(solution)
         self._pairs: list[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
         self._start = np.concatenate([pair.pressures[pair.pressing] for pair in self._pairs])
         self.count = len(self._start)
-        computed = evaluate([q for q in solution.job.quantities if not q.is_reaction], self._body, solution, equations)
+        quantities = [q for q in solution.job.quantities if not q.is_reaction]
+        computed = evaluate(quantities, self._body, solution, equations)
         self.names = [name for name, value in computed.items() if isinstance(value, float)]
+        self._first = self._solved(self._start) if self.names else None
 
     @property
     def distance(self) -> float:
         """Largest distance (m) of a node in two of the shapes that were found."""
         largest = max(
-            (float(np.linalg.norm(a - b, axis=1).max(initial=0.0)) for a, b in _pairs_of(self._shapes)), default=0.0
+            (float(np.linalg.norm(a - b, axis=1).max(initial=0.0)) for a, b in combinations(self._shapes, 2)),
+            default=0.0,
         )
         return float(self._body.mesh.comm.allreduce(largest, op=MPI.MAX))
 
+    def destroy(self) -> None:
+        """Free PETSc objects."""
+        self._equations.destroy()
+
     def interval(self, name: str) -> Interval:
         """Return the interval of a quantity; raise `NoPressure` if no pressures are admissible."""
+
+        def solve(pressures: Floats) -> tuple[float, AdmissiblePressures, Floats]:
+            solved = self._first if pressures is self._start and self._first else self._solved(pressures)
+            return solved.values[name], solved.near, solved.slopes[name]
+
         ends, settled = list[float | None](), True
-        first = self._solved(name, self._start)[0]
+        first = solve(self._start)[0]
         for sign in (-1.0, 1.0):
             tolerance = _SETTLED * max(abs(first), *(abs(end - first) for end in ends if end is not None), 1e-300)
             try:
-                value, _, has_settled = settled_end(
-                    partial(self._solved, name), partial(self._chosen, sign), self._start, tolerance
-                )
+                value, _, has_settled = settled_end(solve, partial(self._chosen, sign), self._start, tolerance)
             except UnboundedEnd:
                 ends.append(None)
                 continue
@@ -142,23 +171,34 @@ class _Pressed:
         pressures: Floats = found
         return pressures
 
-    def _solved(self, name: str, pressures: Floats) -> tuple[float, AdmissiblePressures, Floats]:
-        """Return a quantity with some pressures, what is admissible near them, and the slopes of the quantity."""
-        equations, job = self._equations, self._job
-        reports = tuple(self._reports(pressures))
-        equations.put(replace(self._solution, job=job, contacts=reports))
+    def _solved(self, pressures: Floats) -> _Solved:
+        """Solve with some pressures.
+
+        Raises:
+            SolveError: on all ranks, if that does not converge, or the tangent is singular.
+        """
+        equations = self._equations
+        equations.put(replace(self._solution, job=self._job, contacts=tuple(self._reports(pressures))))
         equations.put_fields(self._fields)
         equilibrium = equations.equilibrium(equations.weak_form("inverse"))
         solve = equilibrium.solve(1.0, _ACCURACY, begins_near=True)
+        if not solve.outcome.accepted:
+            equations.release(equilibrium)
+            raise SolveError(
+                f"with other contact pressures the solve ended: {solve.outcome.text}", solve.outcome.advice
+            )
         solution = solution_of(equations, "inverse", equilibrium.system.weak_form, (solve,))
         self._fields, self._last_shape = solution.fields, solution.other_nodes
-        value = evaluate([q for q in job.quantities if q.name == name], self._body, solution, equations)[name]
-        near, changes = self._linearised(equations, equilibrium, solution, pressures)
+        near, changes = self._linearised(equilibrium, solution, pressures)
         equations.release(equilibrium)
-        (only,) = (q for q in job.quantities if q.name == name)
-        narrowed = replace(solution, job=job.model_copy(update={"quantities": (only,)}))
-        derivatives = slopes(equations, narrowed, changes)[name]
-        return float(value), near, np.array([derivatives[p.key] for p, _ in changes], dtype=np.float64)  # type: ignore[arg-type]
+        wanted = [q for q in self._job.quantities if q.name in self.names]
+        values = evaluate(wanted, self._body, solution, equations)
+        derivatives = slopes(equations, solution, changes)
+        return _Solved(
+            {name: float(values[name]) for name in self.names},  # type: ignore[arg-type]  # these are numbers
+            near,
+            {name: np.array([derivatives[name][p.key] for p, _ in changes], dtype=np.float64) for name in self.names},
+        )
 
     def _reports(self, pressures: Floats) -> Iterator[ContactReport]:
         by_place = {pair.where: pair for pair in self._pairs}
@@ -174,11 +214,11 @@ class _Pressed:
             yield pair.with_pressures(report, whole, self._scales)
 
     def _linearised(
-        self, equations: Equations, equilibrium: object, solution: Solution, pressures: Floats
+        self, equilibrium: Equilibrium, solution: Solution, pressures: Floats
     ) -> tuple[AdmissiblePressures, list[tuple[Parameter, Change]]]:
-        system = equilibrium.system  # type: ignore[attr-defined]
+        equations, system = self._equations, equilibrium.system
         system.set_load(1.0)
-        numbers = FollowedNumbers(equations, solution, equilibrium)  # type: ignore[arg-type]
+        numbers = FollowedNumbers(equations, solution, equilibrium)
         position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
         pairs = [pair for pair in system.weak_form.contacts.pairs if pair.assumes_pressure]
         measured = [pair.unloaded_gaps() for pair in pairs]
@@ -222,7 +262,3 @@ def _with_given_pressures(job: Job) -> Job:
     given = {"closure": "given", "rest_gap": None}
     interfaces = tuple(i.model_copy(update=given) if i.kind == "contact" else i for i in job.interfaces)
     return job.model_copy(update={"interfaces": interfaces})
-
-
-def _pairs_of(shapes: Sequence[Floats]) -> Iterator[tuple[Floats, Floats]]:
-    return ((a, b) for i, a in enumerate(shapes) for b in shapes[:i])
