@@ -1,4 +1,4 @@
-"""Interface of unknown numbers of loads or supports, with as many equations for them."""
+"""Interface of unknown numbers of loads, supports or paths, with as many equations for them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -26,11 +26,13 @@ class Border(ABC):
         count: number of unknowns, and of equations.
         least: displacement (scaled) that rounding errors of C let count as none.
         least_load: load factor below which the numbers cannot be put in.
+        load: the load factor, if that is the number; such a border is the last one.
     """
 
     count: int
     least: float = 0.0
     least_load: float = 0.0
+    load: float | None = None
     order: ClassVar[int]
 
     @classmethod
@@ -97,6 +99,14 @@ class Border(ABC):
     @abstractmethod
     def linearise(self, load: float) -> Floats:
         """Return ``∂C/∂q`` (count, count) at the present state; `slopes` are from there until the next call."""
+
+    def others_by_numbers(self) -> Floats | float:
+        """Return the derivatives (n, count) of the equations of earlier borders by these numbers, as `set_columns`."""
+        return 0.0
+
+    def size(self, change: Floats) -> float:
+        """Return the size of a change by which a correction is measured too, relative to the norm of the state."""
+        return 0.0
 
     @abstractmethod
     def slopes(self, direction: PETSc.Vec) -> Floats:

@@ -21,28 +21,25 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.solver.border import Border
 from hpcinv.solver.linear_solver import LinearSolver
-from hpcinv.solver.path_plane import PathPlane
 
 
 class BorderedSolver:
     """The unknown numbers of a system, if there are any, with their linearised equations; collective.
 
     Args:
-        plane: plane of a path; the load factor is the last of the numbers then.
+        borders: the load factor of a path is the last of them.
 
     Attributes:
         count: number of numbers.
         is_stale: whether the columns belong to an earlier tangent.
     """
 
-    def __init__(
-        self, system: System, linear: LinearSolver, borders: Sequence[Border] = (), plane: PathPlane | None = None
-    ) -> None:
-        self._system, self._linear, self.borders, self._plane = system, linear, borders, plane
+    def __init__(self, system: System, linear: LinearSolver, borders: Sequence[Border] = ()) -> None:
+        self._system, self._linear, self.borders = system, linear, borders
         ends = np.cumsum([border.count for border in borders], dtype=int).tolist()
         self._places = [slice(end - border.count, end) for border, end in zip(borders, ends, strict=True)]
-        self._own_count = ends[-1] if ends else 0
-        self.count = self._own_count + (plane is not None)
+        self._own_count = sum(border.count for border in borders if border.load is None)
+        self.count = ends[-1] if ends else 0
         self._r = [system.position()] if self.count else []
         self._columns = [system.position() for _ in range(self.count)]
         self._by_numbers = [system.position() for _ in range(self.count)]  # ∂R/∂q
@@ -58,26 +55,21 @@ class BorderedSolver:
 
     def load_of(self, load: float) -> float:
         """Return the load factor if it is one of the numbers, else the given one."""
-        return load if self._plane is None else self._plane.load
+        return next((border.load for border in self.borders if border.load is not None), load)
 
     def kept_numbers(self) -> Any:
         """Return the present numbers for `restore`."""
-        return [border.kept_numbers() for border in self.borders], self.load_of(0.0)
+        return [border.kept_numbers() for border in self.borders]
 
     def restore(self, numbers: Any) -> None:
         """Take numbers that `kept_numbers` returned; they are not put into the system."""
-        kept, load = numbers
-        for border, own in zip(self.borders, kept, strict=True):
+        for border, own in zip(self.borders, numbers, strict=True):
             border.restore(own)
-        if self._plane is not None:
-            self._plane.load = load
 
     def change(self, change: Floats) -> None:
         """Change the numbers by ``Δq``; they are not put into the system."""
         for border, place in zip(self.borders, self._places, strict=True):
             border.change(change[place])
-        if self._plane is not None:
-            self._plane.load += float(change[-1])
 
     def _begun(self, load: float) -> float:
         """Return a load factor, or the least one at which all numbers can be put in."""
@@ -103,13 +95,13 @@ class BorderedSolver:
             border.begin_path()
 
     def equations(self, load: float) -> Floats:
-        """Return C at the present state, which is in the plane of the path if there is one."""
-        own = [border.equations(self._begun(load)) for border in self.borders]
-        return np.concatenate([*own, np.zeros(self.count - self._own_count)])
+        """Return C at the present state."""
+        return np.concatenate([np.zeros(0), *(border.equations(self._begun(load)) for border in self.borders)])
 
     def size(self, change: Floats) -> float:
         """Return the size of a change by which a correction is measured too, relative to the norm of the state."""
-        return 0.0 if self._plane is None else abs(float(change[-1])) / self._plane.scale
+        sizes = (border.size(change[place]) for border, place in zip(self.borders, self._places, strict=True))
+        return max(sizes, default=0.0)
 
     def linearise(self, load: float) -> bool:
         """Assemble K at the present state, and solve for the columns ``g``; return whether that succeeded."""
@@ -128,9 +120,8 @@ class BorderedSolver:
             self._system.residual(self._r[0])
         for border, place in zip(self.borders, self._places, strict=True):
             border.set_columns(self._by_numbers[place], self._r[0], load)
+            slopes[: place.start, place] = border.others_by_numbers()
             slopes[place, place] = border.linearise(load)
-        if self._plane is not None:
-            slopes[:, -1] = self._set_load_column(self._plane, load)
         for by_number, column in zip(self._by_numbers, self._columns, strict=True):
             if not self._linear.solve(by_number, column, may_fall_back=may_fall_back):
                 return False
@@ -139,17 +130,6 @@ class BorderedSolver:
         self._condensed = (np.stack(by_columns, axis=1) if by_columns else slopes) - slopes
         self.is_stale = False
         return True
-
-    def _set_load_column(self, plane: PathPlane, load: float) -> Floats:
-        """Set the last column to ``∂R/∂λ``, and return ``∂C/∂λ``: difference quotients."""
-        h, column, before = plane.difference_step(load), self._by_numbers[-1], self.equations(load)
-        self.put(load + h)
-        self._system.residual(column)
-        after = self.equations(load + h)
-        self.put(load)
-        column.axpy(-1.0, self._r[0])
-        column.scale(1 / h)
-        return (after - before) / h
 
     @property
     def condensed(self) -> Floats:
@@ -216,8 +196,7 @@ class BorderedSolver:
 
     def slopes(self, direction: PETSc.Vec) -> Floats:
         """Return ``B`` times a direction."""
-        own = [border.slopes(direction) for border in self.borders]
-        return np.concatenate([*own, [] if self._plane is None else [self._plane.slope(direction)]])
+        return np.concatenate([np.zeros(0), *(border.slopes(direction) for border in self.borders)])
 
     def destroy(self) -> None:
         """Free PETSc objects; the borders have their own."""

@@ -1,10 +1,10 @@
 """Predictor and corrector of arc-length continuation: the path of equilibria (x, λ), through limit points of the load.
 
 From a point of the path the predictor is a step along the tangent ``t``. Newton's method is the corrector, in the plane
-normal to the tangent (`hpcinv.solver.path_plane`), with the load factor as one of its unknown numbers. The length of
-the path is measured in x only (Crisfield). So ``dλ/ds = 1/t·g`` with ``g = dx/dλ``, which changes sign at a limit point
-of the load. ∂R/∂λ is a difference quotient, exact for loads in proportion to λ; it affects the convergence, not the
-result.
+normal to the tangent, with the load factor as one of its unknown numbers (`hpcinv.solver.constraints.path_load`). The
+length of the path is measured in x only (Crisfield). So ``dλ/ds = 1/t·g`` with ``g = dx/dλ``, which changes sign at a
+limit point of the load. ∂R/∂λ is a difference quotient, exact for loads in proportion to λ; it affects the convergence,
+not the result.
 
 PETSc's SNESNEWTONAL has the same constraint, but steps of fixed length; it neither repeats a step that failed or that
 would turn an element inside out, nor keeps a tangent, nor finds limit points.
@@ -22,9 +22,9 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.bordered_solver import BorderedSolver
+from hpcinv.solver.constraints.path_load import PathLoad
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.newton import Solve
-from hpcinv.solver.path_plane import PathPlane
 
 _ROUNDED = 1e-9
 """Rate of the state, relative to its floor at full load, that is the rounding error of the difference quotient ∂R/∂λ.
@@ -73,8 +73,9 @@ class Bordering:
     def __init__(self, equilibrium: Equilibrium, cases: int = 1) -> None:
         self.equilibrium = equilibrium
         self._floor = equilibrium.floor(1.0)
-        self._plane = PathPlane(0.0, cases)
-        self._numbers = BorderedSolver(equilibrium.system, equilibrium.linear, equilibrium.numbers.borders, self._plane)
+        system, others = equilibrium.system, equilibrium.numbers
+        self._plane = PathLoad(system, others, cases)
+        self._numbers = BorderedSolver(system, equilibrium.linear, [*others.borders, self._plane])
 
     def tangent(self, x: PETSc.Vec, load: float, chord: PETSc.Vec | None, direction: int = 1) -> BorderedTangent | None:
         """Return the tangent of the path at one of its points, with new factors; ``None`` if these are singular.
