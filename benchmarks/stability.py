@@ -41,8 +41,8 @@ from hpcinv.job.job import Job, load, parse
 from hpcinv.output.result import Result
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate import confirmation
-from hpcinv.trust.certificate.inertia import inertia
+from hpcinv.trust.stability import confirmation
+from hpcinv.trust.stability.inertia import inertia
 
 ROOT = Path(__file__).parents[1]
 NO_CERTIFICATE = "off"

@@ -1,6 +1,6 @@
 """Error estimates by iterations and by a factorization in the finer spaces: seconds, and the largest error.
 
-"Operations" count the factorization; from `hpcinv.trust.certificate.two_level.MANY` on, iterations are made.
+"Operations" count the factorization; from `hpcinv.trust.discretisation.two_level.MANY` on, iterations are made.
 
 Command: python benchmarks/two_level.py [--sizes 3000 6000 12000 20000] [--bodies beam block]
 """
@@ -17,8 +17,8 @@ import hpcinv.base.parallel.runtime  # its import order first
 from bodies import beam, block, sphere
 
 import hpcinv
-from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.finer_solid import FinerSolid
+from hpcinv.trust.discretisation import two_level
+from hpcinv.trust.discretisation.finer_solid import FinerSolid
 
 BODIES = {"beam": beam, "block": block, "sphere": sphere}
 

@@ -27,7 +27,7 @@ from hpcinv.model.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.model.assembly.tangent_product import TangentProduct, extension
 from hpcinv.physics.points.integrands import Integrand
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.finer_solid import one_degree_more
+from hpcinv.trust.discretisation.finer_solid import one_degree_more
 
 MIXED: dict[str, Any] = {
     "analysis": "inverse",

@@ -15,8 +15,8 @@ from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
 from hpcinv.output.result import Result
 from hpcinv.solver.methods import nested_iteration
-from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
+from hpcinv.trust.discretisation import two_level
+from hpcinv.trust.stability.forward_factors import ForwardFactors
 
 
 class StopAt:

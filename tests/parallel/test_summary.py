@@ -28,8 +28,8 @@ from hpcinv.output.result import Result
 from hpcinv.output.summary import statistics, write_summary
 from hpcinv.trust.certificate import Certificate, Estimate, skipped, upper_bound_line
 from hpcinv.trust.certificate.equilibrium_residual import EQUILIBRIUM
-from hpcinv.trust.certificate.estimate import LayerError
 from hpcinv.trust.certificate.overlap import OVERLAP
+from hpcinv.trust.discretisation.estimate import LayerError
 
 ROOT = Path(__file__).parents[2]
 NOT_OF_EVERY_JOB = {

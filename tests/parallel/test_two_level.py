@@ -14,9 +14,9 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.model.assembly.moduli_at_points import moduli_of_two_rules
 from hpcinv.model.assembly.tangent_moduli import UnsupportedForm
 from hpcinv.model.spaces import Unknowns
-from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.estimate import Estimate
-from hpcinv.trust.certificate.transfer import Transfer
+from hpcinv.trust.discretisation import two_level
+from hpcinv.trust.discretisation.estimate import Estimate
+from hpcinv.trust.discretisation.transfer import Transfer
 
 ONLY = {"level": "off", "estimate": True}
 RUBBER = {"law": "mooney-rivlin", "c1": 0.3, "c2": 0.2, "d1": "incompressible"}
@@ -204,7 +204,7 @@ def test_corrections_of_stiff_bodies_are_found_by_a_factorization(
 def test_transfer_interpolates_and_its_transpose_is_one(
     cell: str, degrees: tuple[int, int | None], comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hpcinv.trust.certificate.transfer._CELLS", 5)
+    monkeypatch.setattr("hpcinv.trust.discretisation.transfer._CELLS", 5)
     mesh = create_unit_cube(comm, 3, 2, 2, CellType[cell])
     u, p = degrees
     given, finer = Unknowns(mesh, u, p), Unknowns(mesh, u + 1, None if p is None else p + 1)

@@ -112,7 +112,7 @@ CHECKS = [f"{check.__module__}.{check.__name__}.lines" for check in checks() if 
 
 @pytest.mark.parametrize(
     ("where", "ranks"),
-    [*((where, 1) for where in CHECKS), ("hpcinv.trust.certificate.discretisation_error.estimate", 2)],
+    [*((where, 1) for where in CHECKS), ("hpcinv.trust.discretisation.discretisation_error.estimate", 2)],
 )
 def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_again(
     where: str, ranks: int, whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

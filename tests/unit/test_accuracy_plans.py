@@ -30,7 +30,7 @@ from hpcinv.trust.accuracy.refinement_forecast import (
 )
 from hpcinv.trust.certificate import Verdict
 from hpcinv.trust.certificate.check import Line, Topic
-from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.certificate.discretisation import DISCRETISATION
 from hpcinv.trust.certificate.round_trip import ROUND_TRIP
 from hpcinv.trust.certificate.volume import UNACCOUNTED
 

@@ -14,10 +14,10 @@ from helpers.verification import job
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.quality import curvature, mean_ratio, scaled_jacobian, worst_cells
+from hpcinv.mesh.symmetry import symmetry_planes
 from hpcinv.trust.certificate.check import Verdict
-from hpcinv.trust.certificate.quality import curvature, mean_ratio, scaled_jacobian, worst_cells
 from hpcinv.trust.certificate.shape import cells
-from hpcinv.trust.certificate.symmetry import symmetry_planes
 
 pytestmark = pytest.mark.slow
 

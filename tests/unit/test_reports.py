@@ -26,7 +26,7 @@ from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.run_page import run_page, write_run_report
 from hpcinv.pages.reports.wording import words
 from hpcinv.trust.certificate import TOPICS, Line, Verdict
-from hpcinv.trust.certificate.stability_check import STABILITY
+from hpcinv.trust.certificate.stability import STABILITY
 
 
 def decoded(spec: dict[str, Any], text: str) -> np.ndarray:

@@ -12,10 +12,10 @@ from helpers.verification import box, job
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import build_body
-from hpcinv.trust.certificate.discretisation_error import quantities_at_singular_fibres
-from hpcinv.trust.certificate.estimate import SingularLimit
-from hpcinv.trust.certificate.singular_edges import SingularEdges, singular_edges
-from hpcinv.trust.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
+from hpcinv.trust.discretisation.discretisation_error import quantities_at_singular_fibres
+from hpcinv.trust.discretisation.estimate import SingularLimit
+from hpcinv.trust.discretisation.singular_edges import SingularEdges, singular_edges
+from hpcinv.trust.discretisation.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 
 FREE, SLIDING, CLAMPED = Hold.FREE, Hold.SLIDING, Hold.CLAMPED
 NU_3, NU_5 = 1.8, 1.0  # 3 - 4ν

@@ -34,7 +34,7 @@ from hpcinv.trust.accuracy.meshes import Meshes, is_straight
 from hpcinv.trust.accuracy.search import Search
 from hpcinv.trust.accuracy.trial import attempt, guess_from
 from hpcinv.trust.certificate import Verdict
-from hpcinv.trust.certificate.discretisation_error import estimate
+from hpcinv.trust.discretisation.discretisation_error import estimate
 
 
 def kept(case: Case, result: Result) -> bool:

@@ -26,7 +26,7 @@ from hpcinv.results.solution import solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate import Line, Verdict, lower_bound_line, upper_bound_line
 from hpcinv.trust.certificate.check import Certificate
-from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.certificate.discretisation import DISCRETISATION
 from hpcinv.trust.certificate.equilibrium_residual import equilibrium_residual
 from hpcinv.trust.certificate.shape import cells
 
@@ -101,7 +101,7 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     exact = locked(comm, NO_CERTIFICATE, degree=2).quantities["tip"]
     assert coarse.estimate.corrected["tip"] == pytest.approx(exact, rel=1e-6)
     for name in ("SHARE", "LEAST"):
-        monkeypatch.setattr(f"hpcinv.trust.certificate.finer_problem.{name}", 0.0)
+        monkeypatch.setattr(f"hpcinv.trust.discretisation.finer_problem.{name}", 0.0)
     coarse = locked(comm)
     assert coarse.estimate is not None
     assert coarse.estimate.is_too_dear
@@ -110,7 +110,7 @@ def test_a_failure_is_an_error_that_was_found(comm: MPI.Intracomm, monkeypatch: 
     assert "raise discretisation.displacement" in line(coarse, DISCRETISATION.name).note
     assert coarse.estimate.corrected["tip"] != pytest.approx(exact, rel=1e-3)
     # Given up on the way, which leaves no trace.
-    monkeypatch.setattr("hpcinv.trust.certificate.finer_problem.FinerProblem.tangents_allowed", lambda *_: 1)
+    monkeypatch.setattr("hpcinv.trust.discretisation.finer_problem.FinerProblem.tangents_allowed", lambda *_: 1)
     again = locked(comm)
     assert again.estimate is not None
     assert again.estimate.is_too_dear

@@ -18,8 +18,8 @@ from hpcinv.mesh import build_body
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium_path import EquilibriumPath
-from hpcinv.trust.certificate import inertia
-from hpcinv.trust.certificate.inertia import factorize_symmetric
+from hpcinv.trust.stability import inertia
+from hpcinv.trust.stability.inertia import factorize_symmetric
 
 
 def filled(dense: np.ndarray, comm: MPI.Intracomm) -> PETSc.Mat:

@@ -15,10 +15,11 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.solver.linear.factorization import Direct
 from hpcinv.solver.linear.refined import Refined
 from hpcinv.solver.newton import Solve
-from hpcinv.trust.certificate import Verdict, limit_point_check
+from hpcinv.trust.certificate import Verdict
+from hpcinv.trust.certificate import limit_points as module
 from hpcinv.trust.certificate.check import skipped
-from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS, limit_points
-from hpcinv.trust.certificate.stability_check import STABILITY
+from hpcinv.trust.certificate.limit_points import LIMIT_POINTS, limit_points
+from hpcinv.trust.certificate.stability import STABILITY
 
 
 @pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
@@ -54,7 +55,7 @@ def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int
 def test_signs_of_the_tangent_are_compared_between_equilibria(
     signs: list[tuple[int, ...]], start: str, unloaded: int, verdict: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
+    monkeypatch.setattr(module, "_precise_sign", lambda *_: 0)
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, of_solve) for of_solve in signs)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=unloaded, p=None))
     own = SimpleNamespace(solver=SimpleNamespace(start_shape=None))
@@ -127,7 +128,7 @@ def test_shortened_steps_that_passed_another_sign_are_not_decided(
 def test_load_rises_along_power_series(
     strategies: list[str], signs: tuple[int, ...], verdict: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(limit_point_check, "_precise_sign", lambda *_: 0)
+    monkeypatch.setattr(module, "_precise_sign", lambda *_: 0)
     solves = tuple(Solve(1.0, Outcome.CONVERGED, (), 1, signs, strategy=strategy) for strategy in strategies)
     model: Any = SimpleNamespace(unknowns=SimpleNamespace(unloaded_sign=1, p=None))
     solution: Any = SimpleNamespace(solves=solves, start="")

@@ -13,7 +13,7 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import Job
 from hpcinv.trust.certificate import Line, Verdict
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
+from hpcinv.trust.stability.forward_factors import ForwardFactors
 
 LENGTH, SIDE, YOUNG = 1.0, 0.1, 1e6
 EULER = pi**2 * YOUNG * SIDE**4 / 12 / (4 * LENGTH**2)

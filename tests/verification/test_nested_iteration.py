@@ -23,7 +23,7 @@ from hpcinv.solver.linear import selection
 from hpcinv.solver.methods import nested_iteration
 from hpcinv.solver.methods.method import NESTED
 from hpcinv.solver.newton import Solve
-from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.trust.certificate.limit_points import LIMIT_POINTS
 
 SIGN = nested_iteration._sign
 

@@ -18,10 +18,11 @@ from hpcinv.job.job import Job
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.trust.certificate import Line, Verdict, inertia
+from hpcinv.trust.certificate import Line, Verdict
 from hpcinv.trust.certificate import round_trip as module
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
 from hpcinv.trust.certificate.round_trip import remaining, round_trip
+from hpcinv.trust.stability import inertia
+from hpcinv.trust.stability.forward_factors import ForwardFactors
 
 GRAVITY = {"effect": "gravity", "acceleration": [0, 0, -0.15], "density": 1000}
 FOLLOWER = {"effect": "pressure", "region": "z1", "pressure": 100.0}

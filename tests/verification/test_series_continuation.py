@@ -29,7 +29,7 @@ from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT
 from hpcinv.solver.series_continuation import SeriesSteps
 from hpcinv.trust.certificate import Verdict
-from hpcinv.trust.certificate.limit_point_check import LIMIT_POINTS
+from hpcinv.trust.certificate.limit_points import LIMIT_POINTS
 
 HELD = {"region": "x0", "fix": ["x", "y", "z"]}
 GRAVITY = {"effect": "gravity", "acceleration": [0, -4, 0], "density": 1000, "density_in": "reference"}

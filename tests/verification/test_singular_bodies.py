@@ -17,7 +17,8 @@ from helpers.verification import box, job
 
 import hpcinv as package
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.trust.certificate import Verdict, two_level
+from hpcinv.trust.certificate import Verdict
+from hpcinv.trust.discretisation import two_level
 
 sys.path.append(str(ROOT / "benchmarks"))
 

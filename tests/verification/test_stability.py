@@ -23,10 +23,10 @@ from hpcinv.mesh import build_body
 from hpcinv.solver.equations import Equations
 from hpcinv.studies.batch.status import Status, lines
 from hpcinv.trust.certificate import Line, Verdict
-from hpcinv.trust.certificate.confirmation import Confirmed
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
-from hpcinv.trust.certificate.inertia import inertia
-from hpcinv.trust.certificate.stability_check import _unstable, stability
+from hpcinv.trust.certificate.stability import _unstable, stability
+from hpcinv.trust.stability.confirmation import Confirmed
+from hpcinv.trust.stability.forward_factors import ForwardFactors
+from hpcinv.trust.stability.inertia import inertia
 
 STABILITY = NO_CERTIFICATE | {"stability": True}
 NEO_HOOKEAN = {"law": "isochoric-neo-hookean", "mu": 1.0, "kappa": "incompressible"}

@@ -22,7 +22,7 @@ from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.workspace import Workspace
 from hpcinv.trust.certificate.check import Line, Verdict
-from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.certificate.discretisation import DISCRETISATION
 from hpcinv.trust.sensitivity.analysis import sensitivities
 from hpcinv.trust.sensitivity.sensitivities import SPREAD
 from hpcinv.trust.sensitivity.surface_errors import SurfaceErrors, SurfaceSpreads, surface_normals

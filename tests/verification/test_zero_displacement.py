@@ -19,7 +19,7 @@ from hpcinv.output.result import Result
 from hpcinv.physics.effects import Effect, effects
 from hpcinv.trust.certificate import equilibrium_residual
 from hpcinv.trust.certificate.check import Verdict
-from hpcinv.trust.certificate.discretisation_check import DISCRETISATION
+from hpcinv.trust.certificate.discretisation import DISCRETISATION
 from hpcinv.trust.certificate.round_trip import ROUND_TRIP
 
 STRETCH = 1.04

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hpcinv.trust.certificate.estimate import SingularLimit
+from hpcinv.trust.discretisation.estimate import SingularLimit
 
 TARGET = 0.7  # predicted error of a step, as a share of the demand, so that small deviations do not matter
 GAIN, POOR_GAIN = 0.2, 0.5  # ratio of errors of one degree more, for smooth and other solutions

@@ -25,9 +25,9 @@ from hpcinv.trust.accuracy.meshes import Meshes, Variant
 from hpcinv.trust.accuracy.moving_regions import cut_regions, facet_shares, moved
 from hpcinv.trust.accuracy.refinement_forecast import HIGHEST_DEGREE, RefinementForecast, Step
 from hpcinv.trust.accuracy.trial import Trial, attempt
-from hpcinv.trust.certificate.finer_solid import one_degree_more
-from hpcinv.trust.certificate.singular_edges import singular_edges
 from hpcinv.trust.certificate.volume import WARN, unexplained_strain
+from hpcinv.trust.discretisation.finer_solid import one_degree_more
+from hpcinv.trust.discretisation.singular_edges import singular_edges
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
 LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a prediction

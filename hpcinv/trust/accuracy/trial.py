@@ -27,8 +27,8 @@ from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer, Observers, SolvedDirection, Stopped
 from hpcinv.trust.accuracy.meshes import Variant
 from hpcinv.trust.accuracy.refinement_forecast import Step, Work
-from hpcinv.trust.certificate.discretisation_error import estimate
-from hpcinv.trust.certificate.estimate import Estimate
+from hpcinv.trust.discretisation.discretisation_error import estimate
+from hpcinv.trust.discretisation.estimate import Estimate
 
 _PHASES = ("tangent", "factorization", "programs")
 # A curved surface of one mesh lies outside the straight cells of another, by a share of the larger cell.

@@ -18,7 +18,7 @@ from hpcinv.trust.certificate.check import (
     topic,
     upper_bound_line,
 )
-from hpcinv.trust.certificate.estimate import Estimate
+from hpcinv.trust.discretisation.estimate import Estimate
 
 import_modules(__name__, __path__)
 

@@ -14,8 +14,8 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
 from hpcinv.trust.certificate.check import Certificate, Line
-from hpcinv.trust.certificate.estimate import Correction, Estimate
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
+from hpcinv.trust.discretisation.estimate import Correction, Estimate
+from hpcinv.trust.stability.forward_factors import ForwardFactors
 
 
 @dataclass

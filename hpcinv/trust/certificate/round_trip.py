@@ -38,9 +38,8 @@ from hpcinv.solver.methods.updates import Anderson
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
-from hpcinv.trust.certificate.inertia import SymmetricFactors
-from hpcinv.trust.certificate.multigrid_solver import MultigridSolver
+from hpcinv.trust.stability.forward_factors import ForwardFactors, TangentSolver
+from hpcinv.trust.stability.inertia import SymmetricFactors
 
 ROUND_TRIP = topic(
     "round trip, relative to the displacement",
@@ -170,7 +169,7 @@ class _ReturnSolve:
         solver: factors of the forward tangent, or multigrid.
     """
 
-    def __init__(self, equations: Equations, solution: Solution, solver: SymmetricFactors | MultigridSolver) -> None:
+    def __init__(self, equations: Equations, solution: Solution, solver: TangentSolver) -> None:
         self._equations, self._solution, self._solver = equations, solution, solver
         self._scale = displacement_scale(equations, solution)
         self._inverse = _Relabelling(equations, solution) if solution.direction == "forward" else None

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 
 from hpcinv.base.quantity.units import readable
+from hpcinv.mesh.quality import CURVATURE, worst_cells
+from hpcinv.mesh.symmetry import symmetry_planes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, lower_bound_line, topic, upper_bound_line
-from hpcinv.trust.certificate.quality import CURVATURE, worst_cells
-from hpcinv.trust.certificate.symmetry import symmetry_planes
 
 _STRAIGHT = "the straight cell between its corners is inside out, the curved one is not"
 CURVED_CELLS = topic(

@@ -28,10 +28,10 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
+from hpcinv.mesh.symmetry import symmetry_planes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.check import Line, Verdict, skipped
-from hpcinv.trust.certificate.symmetry import symmetry_planes
 from hpcinv.trust.sensitivity.analysis import sensitivities
 from hpcinv.trust.sensitivity.sensitivities import SPREAD, Sensitivities, Spreads, joined_sensitivities
 

@@ -1,7 +1,7 @@
 """Errors of a shell's quantities that its one layer leaves, which halved cells do not show.
 
-Stresses miss what the faces lack of the tractions of the loads (`hpcinv.trust.certificate.face_tractions`). At a clamp
-the layer is too stiff: a displacement at a distance d from it misses a share of ``t/d``.
+Stresses miss what the faces lack of the tractions of the loads (`face_tractions`). At a clamp the layer is too stiff: a
+displacement at a distance d from it misses a share of ``t/d``.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.results.quantities_of_interest import owned_nodes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.estimate import LayerError
-from hpcinv.trust.certificate.face_tractions import FaceTractions, face_tractions
+from hpcinv.trust.discretisation.estimate import LayerError
+from hpcinv.trust.discretisation.face_tractions import FaceTractions, face_tractions
 
 CLAMPED = 0.05
 """Error of a displacement, relative to its size, by ``t/d``; raised, bars of clamped shells are longer."""

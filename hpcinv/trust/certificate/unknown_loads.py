@@ -11,7 +11,7 @@ from hpcinv.solver.constraints import solved_borders
 from hpcinv.solver.constraints.remote_motions import RemoteMotion
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.stability_check import STABILITY
+from hpcinv.trust.certificate.stability import STABILITY
 
 _WARN, _FAIL = 1e-8, 1e-5
 """Residual of an equation, relative to the larger volume or to the forces on a region; larger ones accept

@@ -12,7 +12,7 @@ from hpcinv.solver.methods.method import NESTED
 from hpcinv.solver.newton import SERIES, SWITCHED, Solve
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
-from hpcinv.trust.certificate.stability_check import StabilityCheck
+from hpcinv.trust.certificate.stability import StabilityCheck
 
 LIMIT_POINTS = topic(
     "limit points of the path",

@@ -33,7 +33,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.mesh.source import Floats
 from hpcinv.model.supports import Supports
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-from hpcinv.trust.certificate.multigrid_solver import MultigridSolver
+from hpcinv.trust.stability.multigrid_solver import MultigridSolver
 
 ACCURACY = 0.1  # of the reciprocal of an eigenvalue that is taken for the lowest one
 

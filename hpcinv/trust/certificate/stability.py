@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from hpcinv.mesh.symmetry import symmetry_planes
+from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, freeing
 from hpcinv.solver.support_checks import barely_held
-from hpcinv.trust.certificate.cavity_stability import with_cavities
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic
-from hpcinv.trust.certificate.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
-from hpcinv.trust.certificate.lowest_eigenvalue import lowest_eigenvalue
-from hpcinv.trust.certificate.multigrid_solver import MultigridSolver
-from hpcinv.trust.certificate.symmetry import symmetry_planes
+from hpcinv.trust.stability.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
+from hpcinv.trust.stability.forward_factors import ForwardFactors
 
 STABILITY = topic(
     "stability: unstable directions",
@@ -48,7 +46,7 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
     A discrete state is stable if the tangent of the forward problem is positive definite in the displacements: with the
     pressure as an unknown, if it has one negative eigenvalue for each pressure, and no more. Further ones are
     either confirmed to be instabilities of the body, or the line is not decided
-    (`hpcinv.trust.certificate.confirmation`). Where factors are not affordable, the lowest eigenvalue is sought
+    (`hpcinv.trust.stability.confirmation`). Where factors are not affordable, the lowest eigenvalue is sought
     iteratively, and its sign is all that is known.
 
     Args:
@@ -60,9 +58,33 @@ def stability(equations: Equations, forward: ForwardFactors, observer: Observer 
         return
     line = _factors_line(equations, forward) if forward.affordable else _iteration_line(equations, forward, observer)
     if forward.solution.cavities:
-        line = with_cavities(equations, forward, line)
+        line = _with_cavities(equations, forward, line)
     held = _barely_held(line, equations, forward.solution)
     yield replace(line, note="; ".join([line.note, *_left_out(equations, forward), *held]))
+
+
+def _with_cavities(equations: Equations, forward: ForwardFactors, line: Line) -> Line:
+    """Return the line, which was checked at given pressures, of the body with its cavities; collective.
+
+    A line that passes stays, since what holds a cavity stiffens the body, and so does one with other unknown numbers.
+    Without a count of directions it is not decided.
+    """
+    solution = forward.solution
+    if line.verdict in (Verdict.PASS, Verdict.SKIPPED) or len(solution.cavities) < len(solution.constraints):
+        return line
+    (undecided,) = judged_with_given_numbers([line])
+    if line.value is None or not forward.affordable or forward.factors is None:
+        return undecided
+    factors, names = forward.factors, ", ".join(f"'{cavity.name}'" for cavity in solution.cavities)
+    count = on_demand("stability with cavities")
+    found, confirmed = count(equations, forward, factors, confirms=line.verdict is Verdict.FAIL)
+    if found == 0:
+        note = f"unstable at given pressures, but the volume, gas or windkessel of {names} holds the body"
+        note = "; ".join(filter(None, [note, potential_note(factors.inertia.asymmetry)]))
+        return replace(line, value=0.0, verdict=Verdict.PASS, note=note)
+    if not confirmed:
+        return undecided
+    return replace(line, value=float(confirmed), note=f"{line.note}; what is given for {names} does not hold it")
 
 
 def _left_out(equations: Equations, forward: ForwardFactors) -> Iterator[str]:
@@ -98,6 +120,7 @@ def _factors_line(equations: Equations, forward: ForwardFactors) -> Line:
 
 def _iteration_line(equations: Equations, forward: ForwardFactors, observer: Observer) -> Line:
     """Return the line by the lowest eigenvalue of the forward tangent, which is found without factors."""
+    lowest_eigenvalue = on_demand("lowest eigenvalue")
     lowest = lowest_eigenvalue(forward.multigrid, equations.supports, equations.timings, observer=observer)
     if lowest is None:
         note = "the lowest eigenvalue of the forward tangent was not found within the iterations that it may take"
@@ -107,7 +130,8 @@ def _iteration_line(equations: Equations, forward: ForwardFactors, observer: Obs
         return _stable(lowest.asymmetry, how)
     with assembled(equations, forward.solution) as matrix:
         with equations.timings("factorization"):
-            solver = MultigridSolver(matrix, equations.weak_form("forward", given_u_of(equations)))
+            weak_form = equations.weak_form("forward", given_u_of(equations))
+            solver = on_demand("multigrid for the certificate")(matrix, weak_form)
         with freeing(solver.destroy):
             again = lowest_eigenvalue(solver, equations.supports, equations.timings, lowest.direction, observer)
     confirmed = None if again is None else Confirmed(int(again.is_negative), again.asymmetry)

@@ -15,8 +15,7 @@ from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.methods.updates import Anderson
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic, upper_bound_line
-from hpcinv.trust.certificate.inertia import SymmetricFactors
-from hpcinv.trust.certificate.multigrid_solver import MultigridSolver
+from hpcinv.trust.stability.forward_factors import TangentSolver
 
 CONTACT = topic(
     "contact on '…'",
@@ -91,7 +90,7 @@ class PenaltyCheck(Check):
                     yield upper_bound_line(about, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
-def _rate(system: System, solver: SymmetricFactors | MultigridSolver, obstacle: PenaltyDirection) -> float | None:
+def _rate(system: System, solver: TangentSolver, obstacle: PenaltyDirection) -> float | None:
     """Return the largest rate of the displacement by the logarithm of a penalty, with the pressures that follow it.
 
     Pressures ``q`` at vertices follow by Uzawa's method for the linearised equations, ``q' -= penalty g'``, accelerated

@@ -9,19 +9,28 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
+
+from petsc4py import PETSc
 
 from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.trust.certificate.confirmation import given_u_of
-from hpcinv.trust.certificate.inertia import SymmetricFactors, factorize_symmetric
+from hpcinv.trust.stability.confirmation import given_u_of
+from hpcinv.trust.stability.inertia import SymmetricFactors, factorize_symmetric
 
 SHARE = 0.5
 """Largest time of the factorization, relative to an iterative solve of the same body."""
 LOW_RANK = 3e10
 """Operations of a factorization L U from which it pays to compress blocks of the rounded factors L D Lᵀ."""
+
+
+class TangentSolver(Protocol):
+    """What solves with the symmetric part of the forward tangent: factors, or multigrid."""
+
+    def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve for ``x``; return whether that succeeded."""
 
 
 class ForwardFactors:

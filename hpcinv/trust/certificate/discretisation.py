@@ -12,7 +12,7 @@ from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic, upper_bound_line
-from hpcinv.trust.certificate.estimate import LINEAR, Estimate
+from hpcinv.trust.discretisation.estimate import LINEAR, Estimate
 
 DISCRETISATION = topic(
     "discretisation error of the shape, relative to the displacement",

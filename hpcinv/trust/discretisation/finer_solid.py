@@ -18,10 +18,10 @@ from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED
 from hpcinv.solver.observer import Observer
-from hpcinv.trust.certificate import two_level
-from hpcinv.trust.certificate.estimate import DEGREE_MORE, LINEAR
-from hpcinv.trust.certificate.extension import extend
-from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
+from hpcinv.trust.discretisation import two_level
+from hpcinv.trust.discretisation.estimate import DEGREE_MORE, LINEAR
+from hpcinv.trust.discretisation.extension import extend
+from hpcinv.trust.discretisation.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
 
 
 class FinerSolid(FinerProblem):

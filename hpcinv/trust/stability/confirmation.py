@@ -42,7 +42,7 @@ from hpcinv.on_demand import on_demand
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.inertia import inertia
+from hpcinv.trust.stability.inertia import inertia
 
 MARGIN = 0.01
 """Share of the linear elastic energy of a direction that is added before it counts as unstable."""

@@ -14,10 +14,10 @@ from hpcinv.mesh.source import Floats
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.observer import Observer, stop_if_asked
-from hpcinv.trust.certificate import halved_cells
-from hpcinv.trust.certificate.estimate import Correction, LayerError
-from hpcinv.trust.certificate.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
-from hpcinv.trust.certificate.layer_errors import layer_errors
+from hpcinv.trust.discretisation import halved_cells
+from hpcinv.trust.discretisation.estimate import Correction, LayerError
+from hpcinv.trust.discretisation.finer_problem import Budget, FinerProblem, Found, put_with_ghosts
+from hpcinv.trust.discretisation.layer_errors import layer_errors
 
 _TANGENTS = 10
 """Tangents that the finer solve may take in any case; raised, more lines are decided"""

@@ -46,8 +46,8 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import CONTRACTING
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.observer import SILENT, Observer, freeing, stop_if_asked
-from hpcinv.trust.certificate.tangent_scale import diagonals_of_cells, tangent_scale
-from hpcinv.trust.certificate.transfer import Transfer
+from hpcinv.trust.discretisation.tangent_scale import diagonals_of_cells, tangent_scale
+from hpcinv.trust.discretisation.transfer import Transfer
 
 MANY = 5e9
 """Operations of a factorization in the finer spaces from which iterations are worth their error: it takes seconds."""

@@ -1,4 +1,4 @@
-"""Estimate of the discretisation error of a solution, as `hpcinv.trust.certificate.discretisation_error` makes it."""
+"""Estimate of the discretisation error of a solution, as `discretisation_error` makes it."""
 
 from __future__ import annotations
 

@@ -27,9 +27,9 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.estimate import SingularLimit
-from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges
-from hpcinv.trust.certificate.wedge_exponents import SMOOTH
+from hpcinv.trust.discretisation.estimate import SingularLimit
+from hpcinv.trust.discretisation.singular_edges import FIBRES, SingularEdges
+from hpcinv.trust.discretisation.wedge_exponents import SMOOTH
 
 SHARE = 0.3
 """Share of the error at singular edges from which errors may cancel; a larger one trusts more estimates."""

@@ -20,7 +20,7 @@ from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast
 from hpcinv.solver.newton import NewtonIteration
 from hpcinv.solver.observer import IterationObserver, Observer, SolveEvent
-from hpcinv.trust.certificate.estimate import Correction, LayerError
+from hpcinv.trust.discretisation.estimate import Correction, LayerError
 
 SHARE = 0.5
 """Largest forecast time of the finer solve, relative to the solve; larger decides more lines."""

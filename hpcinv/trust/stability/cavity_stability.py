@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -23,10 +22,9 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.constraints import solved_borders
 from hpcinv.solver.constraints.cavity_pressures import CavityPressures
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers
-from hpcinv.trust.certificate.confirmation import assembled, potential_note
-from hpcinv.trust.certificate.forward_factors import ForwardFactors
-from hpcinv.trust.certificate.inertia import SymmetricFactors, factorize_symmetric
+from hpcinv.trust.stability.confirmation import assembled
+from hpcinv.trust.stability.forward_factors import ForwardFactors
+from hpcinv.trust.stability.inertia import SymmetricFactors, factorize_symmetric
 
 _ZERO = 1e-10
 """Eigenvalue of the summed compliances, relative to the body's, that counts as 0; raised, fewer states are stable."""
@@ -35,39 +33,26 @@ _WHOLE = 0.01
 ignored."""
 
 
-def with_cavities(equations: Equations, forward: ForwardFactors, line: Line) -> Line:
-    """Return the line on stability, which was checked at given pressures, of the body with its cavities; collective.
+def unstable_with_cavities(
+    equations: Equations, forward: ForwardFactors, factors: SymmetricFactors, *, confirms: bool
+) -> tuple[int | None, int | None]:
+    """Return how many directions are unstable with all cavities held, and how many of them are confirmed; collective.
 
-    A line that passes stays, since what holds a cavity stiffens the body, and so does one with other unknown numbers.
-    Without a count of directions it is not decided.
+    Each is ``None`` if it is not known.
+
+    Args:
+        factors: of the forward tangent at given pressures.
+        confirms: whether to confirm them.
     """
-    solution = forward.solution
-    if line.verdict in (Verdict.PASS, Verdict.SKIPPED) or len(solution.cavities) < len(solution.constraints):
-        return line
-    if line.value is None or not forward.affordable or forward.factors is None:
-        return _undecided(line)
-    factors, names = forward.factors, ", ".join(f"'{cavity.name}'" for cavity in solution.cavities)
     with _slopes(equations, forward) as slopes:
-        found = None if slopes is None else _unstable(equations, solution, factors, slopes)
-        if found == 0:
-            note = f"unstable at given pressures, but the volume, gas or windkessel of {names} holds the body"
-            note = "; ".join(filter(None, [note, potential_note(factors.inertia.asymmetry)]))
-            return replace(line, value=0.0, verdict=Verdict.PASS, note=note)
-        if slopes is None or not found or line.verdict is not Verdict.FAIL:
-            return _undecided(line)
-        confirmed = _confirmed(equations, solution, slopes)
-    if not confirmed:
-        return _undecided(line)
-    return replace(line, value=float(confirmed), note=f"{line.note}; what is given for {names} does not hold it")
-
-
-def _undecided(line: Line) -> Line:
-    (judged,) = judged_with_given_numbers([line])
-    return judged
+        if slopes is None:
+            return None, None
+        found = _unstable(equations, forward.solution, factors, slopes)
+        return found, _confirmed(equations, forward.solution, slopes) if found and confirms else None
 
 
 def _confirmed(equations: Equations, solution: Solution, slopes: Sequence[PETSc.Vec]) -> int | None:
-    """Return the number of confirmed unstable directions (`hpcinv.trust.certificate.confirmation`); collective."""
+    """Return the number of confirmed unstable directions (`hpcinv.trust.stability.confirmation`); collective."""
     with assembled(equations, solution) as matrix:
         factors = factorize_symmetric(matrix)
     if factors is None:

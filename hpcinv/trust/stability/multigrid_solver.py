@@ -12,7 +12,7 @@ from hpcinv.base.parallel.unlocked_petsc import set_up, solve
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions
-from hpcinv.trust.certificate.inertia import asymmetry_of, symmetric_part
+from hpcinv.trust.stability.inertia import asymmetry_of, symmetric_part
 
 
 class MultigridSolver:

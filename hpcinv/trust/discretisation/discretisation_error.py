@@ -4,7 +4,7 @@ A two-level estimate: ``u_h`` is put in the spaces of degree ``k + 1`` on the sa
 ``K δ = -R(u_h)`` there gives ``u_h + δ``, whose own error is of higher order. A second correction, with the same
 factors, adds what is of second order in δ. Then ``Q(u_h + δ) - Q(u_h)`` estimates the error of any quantity ``Q``, with
 its error of quadrature. In small bodies K is factorized; in large ones the factors of the solve precondition Krylov
-iterations (`hpcinv.trust.certificate.two_level`).
+iterations (`hpcinv.trust.discretisation.two_level`).
 
 Where more is known of the body's geometry than the mesh has (`Body.true_geometry_body`), the finer problem is posed on
 the same cells with a geometry of a higher degree. ``u_h`` is taken there by reference coordinates, and so the residual,
@@ -14,13 +14,13 @@ estimate leaves that error out, and says so.
 One Newton step says little of a correction that is as large as the displacement. The finer problem is then solved, so
 that a certificate fails for an error that was found, and not for one that was extrapolated. That solve ends where it
 takes more than a share of the time of the solve; the line is then not decided. Each kind of body has its
-finer problem (`hpcinv.trust.certificate.finer_problem`); shells are always solved.
+finer problem (`hpcinv.trust.discretisation.finer_problem`); shells are always solved.
 
 At re-entrant edges and at edges of supports it finds a part of the error only, and is multiplied by what is missing
-(`hpcinv.trust.certificate.singular_limit`).
+(`hpcinv.trust.discretisation.singular_limit`).
 
 The one layer of a shell is the same on halved cells: what it leaves in stresses and near clamps is estimated apart
-(`hpcinv.trust.certificate.layer_errors`).
+(`hpcinv.trust.discretisation.layer_errors`).
 
 A further state of a body is corrected on the corrected rest shape, so that its estimate has the error of that in it.
 
@@ -53,11 +53,11 @@ from hpcinv.results.quantities_of_interest import carried, evaluate
 from hpcinv.results.solution import Solution, solution_of
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.observer import SILENT, Observer, stop_if_asked
-from hpcinv.trust.certificate.estimate import Correction, Estimate
-from hpcinv.trust.certificate.finer_problem import FinerProblem
-from hpcinv.trust.certificate.finer_solid import FinerSolid
-from hpcinv.trust.certificate.singular_edges import FIBRES, SingularEdges, singular_edges
-from hpcinv.trust.certificate.singular_limit import singular_limit
+from hpcinv.trust.discretisation.estimate import Correction, Estimate
+from hpcinv.trust.discretisation.finer_problem import FinerProblem
+from hpcinv.trust.discretisation.finer_solid import FinerSolid
+from hpcinv.trust.discretisation.singular_edges import FIBRES, SingularEdges, singular_edges
+from hpcinv.trust.discretisation.singular_limit import singular_limit
 
 
 def finer_problem_of(kind: BodyKind) -> type[FinerProblem]:

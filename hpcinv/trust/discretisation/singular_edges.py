@@ -1,9 +1,9 @@
 """Edges at which the stress of a body has no bound, found by its shape and its supports: re-entrant ones, and those at
 which a support ends.
 
-There the displacement is ``u ~ r^λ`` with λ below 1 (`hpcinv.trust.certificate.wedge_exponents`), which no degree of
+There the displacement is ``u ~ r^λ`` with λ below 1 (`hpcinv.trust.discretisation.wedge_exponents`), which no degree of
 elements resolves: errors of quantities fall as ``h^2λ`` only, in cells that touch the edge. Singular points of a fibre
-field are added to them (`hpcinv.trust.certificate.singular_fibres`).
+field are added to them (`hpcinv.trust.discretisation.singular_fibres`).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import FACET_KIND, kind_and_degree, sub_entities
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
-from hpcinv.trust.certificate.singular_fibres import singular_fibres
-from hpcinv.trust.certificate.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
+from hpcinv.trust.discretisation.singular_fibres import singular_fibres
+from hpcinv.trust.discretisation.wedge_exponents import SMOOTH, Hold, axial_exponent, plane_exponent
 
 CURVED = math.radians(60)  # rad: a re-entrant edge up to which facets may be a curved surface's
 LEAST = math.radians(30)  # rad: below it they always are

@@ -1,0 +1,1 @@
+"""Stability of a solution: factors of the forward tangent, their inertia, and the lowest eigenvalue."""
