@@ -2,14 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hpcinv.base.quantity.schema import KeyPath, dotted_key
 from hpcinv.errors import CheckpointError
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest, resolved
+from hpcinv.job.resolved_job import SectionData, resolved, without
 
 _FORMAT = 2
 """of fingerprints: raised if they have more or less of a job, so that earlier ones are refused by one message"""
@@ -40,21 +40,31 @@ NOT_PHYSICS: dict[str, str] = NOT_CONTENT | {
 """What has no influence on the fingerprint of the physics, with the reason."""
 
 
-def fingerprint(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
-    """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256 (``digest``)."""
-    return {"format": _FORMAT} | resolved(job, NOT_PHYSICS, digest)
+def fingerprint(job: Job, known: SectionData | None = None) -> dict[str, Any]:
+    """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256."""
+    return {"format": _FORMAT} | resolved(job, NOT_PHYSICS, known)
 
 
-def content_key(job: Job, digest: Callable[[Path], str] = file_digest, **circumstances: Any) -> str:
+def content_key(job: Job, known: SectionData | None = None, **circumstances: Any) -> str:
     """Hash (20 hex digits) of all that the results of a job depend on: everything except `NOT_CONTENT`.
 
     Paths of files and the units of values have no influence.
 
     Args:
-        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
+        known: data of sections of earlier jobs of the same file.
         circumstances: further data that distinguish runs, as JSON data, such as ``ranks``.
     """
-    return hash_of([resolved(job, NOT_CONTENT, digest), circumstances])
+    return content_hash(resolved(job, NOT_CONTENT, known), **circumstances)
+
+
+def content_hash(content: Mapping[str, Any], **circumstances: Any) -> str:
+    """Return the `content_key` of a job whose data without `NOT_CONTENT` are ``content``."""
+    return hash_of([content, circumstances])
+
+
+def physics_in(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fingerprint of a job whose data without `NOT_CONTENT` are ``content``."""
+    return {"format": _FORMAT} | without(content, NOT_PHYSICS)
 
 
 def hash_of(content: Any) -> str:

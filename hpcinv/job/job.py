@@ -73,6 +73,8 @@ MOST_ENTRIES = 10_000
 """entries of one list of a job, such as quantities: each takes a millisecond to check, and more in a run"""
 
 UNNAMED = "(mapping)"  # instead of the file name of a job that was made in Python
+SECTIONS = "sections"
+"""Entry that `parse` adds to a context: the job before what follows from several of its sections."""
 _KEYS: Any = Mapping[str, str | float | Uncertain | None] | list[str]  # as in a file
 
 
@@ -493,6 +495,8 @@ class Job(Spec):
 
     def _completed(self, info: ValidationInfo) -> Self:
         """The job with the quantities of all states, and with numbers whose dimension follows from another section."""
+        if info.context is not None:
+            info.context[SECTIONS] = self
         problems: list[tuple[KeyPath, str]] = []
         sections: dict[str, Any] = {}
         with collected(problems, "quantities"):
@@ -538,6 +542,24 @@ class Job(Spec):
         text = f"must be '{mesh}' for a rule, which is evaluated on the mesh of the job, the {shape} body"
         ruled = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
         yield from ((("fibres", name, "given_on"), text) for name, family in ruled if family.given_on != mesh)
+
+    def with_sections(self, sections: Mapping[str, Any], info: ValidationInfo) -> Self | None:
+        """Copy of a job that `parse` left in `SECTIONS` with other sections, or ``None`` if it has faults.
+
+        Args:
+            sections: by name, each without faults by itself.
+        """
+        job = self.model_copy(update=dict(sections))._completed(info)
+        return job if next(job._contradictions(info), None) is None else None
+
+    def keep_source(self, path: Path, data: Mapping[str, Any], *, untrusted: bool) -> None:
+        """Remember from where the job was read, and check the names of regions against its mesh file.
+
+        Raises:
+            JobError: neither the job nor its mesh has a region.
+        """
+        self._path, self._data, self._untrusted = path, data, untrusted
+        _check_regions(self)
 
     def _unsuited_loading(self) -> Faults:
         """Faults of laws, effects and supports that other sections do not allow."""
@@ -595,25 +617,30 @@ def load(
     return parse(read_yaml(Path(source)), Path(source), untrusted=untrusted)
 
 
-def parse(data: Mapping[str, Any], path: Path, *, untrusted: bool = False) -> Job:
-    """Check the content of a job file, as `load` does; relative paths start from the directory of ``path``."""
+def parse(
+    data: Mapping[str, Any], path: Path, *, untrusted: bool = False, context: dict[str, Any] | None = None
+) -> Job:
+    """Check the content of a job file, as `load` does; relative paths start from the directory of ``path``.
+
+    Args:
+        context: to it is added what the sections are read with, and `SECTIONS`.
+    """
     untrusted = untrusted or is_asked()
     large = {key: len(value) for key, value in data.items() if isinstance(value, list) and len(value) > MOST_ENTRIES}
     if large:
         text = f"entries, but may have {MOST_ENTRIES:,}"
         raise JobError(*(f"{path}: {key}: has {count:,} {text}" for key, count in large.items()))
+    context = {} if context is None else context
+    context |= {"directory": path.parent, "untrusted": untrusted}
     try:
-        job = Job.model_validate(
-            {"job": name_from(path), **data}, context={"directory": path.parent, "untrusted": untrusted}
-        )
+        job = Job.model_validate({"job": name_from(path), **data}, context=context)
     except ValidationError as error:
         raise job_error(path, error, Job) from None
     except Exception as error:
         if (fault := fault_of_plugin(error)) is None:
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
-    job._path, job._data, job._untrusted = path, data, untrusted
-    _check_regions(job)
+    job.keep_source(path, data, untrusted=untrusted)
     return job
 
 

@@ -5,6 +5,7 @@ A key leaves out only what its table of sections names, each with the reason: a 
 
 import glob
 import hashlib
+import operator
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -100,31 +101,72 @@ def _voxel_files(path: Path, header: bytes) -> list[Path]:
     return []
 
 
-def resolved(job: Job, left_out: Mapping[str, str], digest: Callable[[Path], str] = file_digest) -> dict[str, Any]:
+class SectionData:
+    """JSON data of sections, with files by their content, which jobs of one file share while a section is the same.
+
+    Args:
+        digest: SHA-256 of a file.
+    """
+
+    def __init__(self, digest: Callable[[Path], str] = file_digest) -> None:
+        self._digest, self._known = cache(digest), dict[str, tuple[Any, dict[str, Any]]]()
+
+    def digest(self, path: Path) -> str:
+        """Return the SHA-256 of a file, which is read once."""
+        return self._digest(path)
+
+    def of(self, job: Job, section: str) -> dict[str, Any]:
+        """Return the data of a section by its name, or nothing if it is left out; not to be changed.
+
+        Raises:
+            MeshError: a file cannot be read.
+        """
+        value, known = getattr(job, section), self._known.get(section)
+        if known is None or not _is_same(known[0], value):
+
+            def content_of(file: str) -> str:
+                path = job.resolve(file)
+                return f"{self.digest(path)} {suffix_of(path)}".rstrip()
+
+            data = job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS, include={section})
+            if _is_file(type(job), section):
+                data = {name: _contents(content, content_of) for name, content in data.items()}
+            elif data:
+                _replace_files(value, data[section], content_of)
+            known = self._known[section] = value, data
+        return known[1]
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    """Return whether two sections are the same object, or consist of the same objects."""
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        return all(map(operator.is_, one, other))
+    return one is other
+
+
+def resolved(job: Job, left_out: Mapping[str, str], known: SectionData | None = None) -> dict[str, Any]:
     """Return the sections of a job as JSON data, with automatic choices made, and files by their content.
 
     Args:
         left_out: reasons by section, or key of a section such as ``mesh.partition``; their files are not read.
-        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
+        known: data of sections of earlier jobs of the same file.
 
     Raises:
         MeshError: a file cannot be read.
     """
-
-    def content_of(file: str) -> str:
-        path = job.resolve(file)
-        return f"{digest(path)} {suffix_of(path)}".rstrip()
-
-    data = _without(job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS), left_out)
-    _replace_files(job, data, content_of)
+    known = known or SectionData()
+    data = dict[str, Any]()
+    for section in type(job).model_fields:
+        if section not in left_out:
+            data |= known.of(job, section)
     data["directions"] = list(job.directions)
-    data["mesh"]["unit"] = job.mesh.metres  # of an image by default mm
+    data["mesh"] = data["mesh"] | {"unit": job.mesh.metres}  # of an image by default mm
     if job.expected_shape is not None and "expected_shape" in data:
-        data["expected_shape"]["unit"] = job.expected_shape.metres
-    data["discretisation"] |= _spaces(job)
+        data["expected_shape"] = data["expected_shape"] | {"unit": job.expected_shape.metres}
+    data["discretisation"] = data["discretisation"] | _spaces(job)
     if "plugins" in data and any(inputs := [inputs_of(job.resolve(plugin)) for plugin in job.plugins]):
         data["inputs_of_plugins"] = inputs
-    return _without(data, left_out)
+    return without(data, left_out)
 
 
 def _spaces(job: Job) -> dict[str, Any]:
@@ -177,7 +219,8 @@ def _is_file(kind: type[Spec], name: str) -> bool:
     return metadata_in(NamesFile, field.annotation, *field.metadata) is not None
 
 
-def _without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
+def without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
+    """Return data of a job without sections, and keys of sections such as ``mesh.partition``, that are left out."""
     return {
         section: {key: value for key, value in content.items() if f"{section}.{key}" not in left_out}
         if isinstance(content, dict)

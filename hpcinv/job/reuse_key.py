@@ -5,9 +5,8 @@ that differ only in these use the same programs and the same matrix.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 from hpcinv.base.quantity.component import Ingredient
@@ -15,9 +14,9 @@ from hpcinv.base.quantity.quantity import quantities_of
 from hpcinv.base.quantity.schema import Spec
 from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.job.cavities import CONTROLS, Cavity
-from hpcinv.job.fingerprint import NOT_CONTENT, fingerprint, hash_of
+from hpcinv.job.fingerprint import NOT_CONTENT, content_hash, fingerprint, hash_of, physics_in
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest, resolved
+from hpcinv.job.resolved_job import SectionData, resolved
 from hpcinv.job.sections import Support
 from hpcinv.job.states import StateSpec
 
@@ -38,28 +37,38 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
 """What has no influence on the body of a job, with the reason."""
 
 
-def body_key(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+def body_key(job: Job, known: SectionData | None = None) -> str:
     """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
-    return hash_of(resolved(job, NOT_BODY, digest))
+    return hash_of(resolved(job, NOT_BODY, known))
 
 
-def reuse_group_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+def keys_of(job: Job, known: SectionData) -> tuple[str, str]:
+    """Return `content_key` and `reuse_group_of` of a job, whose data are made once for both."""
+    content = resolved(job, NOT_CONTENT, known)
+    return content_hash(content), _group(job, _structure(job, physics_in(content)))
+
+
+def reuse_group_of(job: Job, known: SectionData | None = None) -> str:
     """Hash (20 hex digits) of a job without the numbers of its laws, effects, fibres and supports.
 
     Args:
-        digest: SHA-256 of a file; callers with many jobs on the same files can cache it.
+        known: data of sections of earlier jobs of the same file.
     """
-    content = _structure(job, digest) | {"solver": job.solver.model_dump(mode="json", include=_EQUATIONS)}
-    return hash_of(content)
+    return _group(job, _structure(job, fingerprint(job, known)))
 
 
-def digests_of_structure(job: Job, digest: Callable[[Path], str] = file_digest) -> dict[str, str]:
+def digests_of_structure(job: Job, known: SectionData | None = None) -> dict[str, str]:
     """Hash of each section of a job without its numbers and solver: what solutions of jobs must have in common."""
-    return {section: hash_of(content) for section, content in _structure(job, digest).items()}
+    return {section: hash_of(content) for section, content in _structure(job, fingerprint(job, known)).items()}
 
 
-def _structure(job: Job, digest: Callable[[Path], str]) -> dict[str, Any]:
-    content = fingerprint(job, digest)
+def _group(job: Job, structure: Mapping[str, Any]) -> str:
+    return hash_of({**structure, "solver": job.solver.model_dump(mode="json", include=_EQUATIONS)})
+
+
+def _structure(job: Job, physics: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fingerprint ``physics`` of a job with placeholders for its numbers."""
+    content = dict(physics)
     laws = {"": content["material"]} if "material" in job.laws else content["material"]
     fibres, cavities = content["fibres"], content.get("cavities", {})
     content |= _skeleton_of_loads(job, content) | {
@@ -75,14 +84,14 @@ def _structure(job: Job, digest: Callable[[Path], str]) -> dict[str, Any]:
     return content
 
 
-def structure_of(job: Job, digest: Callable[[Path], str] = file_digest) -> str:
+def structure_of(job: Job, known: SectionData | None = None) -> str:
     """Hash of what states of one job must have in common to share equations: `reuse_group_of` in any direction.
 
     A state with functions that the solver updates, such as contact pressures, keeps its own.
     """
     if any(effect.functions(1) for effect in job.effects):
         return job.state
-    return reuse_group_of(job.model_copy(update={"analysis": "inverse", "first": None}), digest)
+    return reuse_group_of(job.model_copy(update={"analysis": "inverse", "first": None}), known)
 
 
 def numbers_of(job: Job) -> tuple[float, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from functools import cache
 from typing import cast
 
 from petsc4py import PETSc
@@ -18,7 +17,7 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest
+from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import body_key, reuse_group_of, structure_of
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
@@ -70,11 +69,11 @@ class Workspace:
         Raises:
             MeshError: on all ranks, if the mesh lacks what the job names, or a field is not admissible on it.
         """
-        plan, digest = job.plan, cache(file_digest)
+        plan, known = job.plan, SectionData()
 
         def structures() -> list[str]:
-            group = reuse_group_of(job, digest)
-            return [f"{group} {structure_of(solve.job, digest) if job.states else ''}" for solve in plan]
+            group = reuse_group_of(job, known)
+            return [f"{group} {structure_of(solve.job, known) if job.states else ''}" for solve in plan]
 
         keys = on_root(self.comm, structures)
         for key in [key for key in self._equations if key not in keys]:

@@ -20,6 +20,7 @@ from hpcinv.base.quantity.schema import Spec, metadata_in
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, check_same_problem, content_key, fingerprint
 from hpcinv.job.job import Job, load
+from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import NOT_BODY, body_key, numbers_of, reuse_group_of
 from hpcinv.job.sections import ExpectedShape
 from hpcinv.physics.effects.contact import Contact
@@ -40,16 +41,14 @@ STATES = [
     {"name": "full", "effects": [{"effect": "pressure", "region": "x0", "pressure": "2 Pa"}]},
 ]
 
-type Digest = Callable[[Path], str]
+
+def equations_key(job: Job, known: SectionData) -> object:
+    return reuse_group_of(job, known), numbers_of(job)
 
 
-def equations_key(job: Job, digest: Digest) -> object:
-    return reuse_group_of(job, digest), numbers_of(job)
-
-
-KEYS: Mapping[str, tuple[Callable[[Job, Digest], object], Mapping[str, str]]] = {
+KEYS: Mapping[str, tuple[Callable[[Job, SectionData], object], Mapping[str, str]]] = {
     "content": (content_key, NOT_CONTENT),
-    "fingerprint": (lambda job, digest: json.dumps(fingerprint(job, digest)), NOT_PHYSICS),
+    "fingerprint": (lambda job, known: json.dumps(fingerprint(job, known)), NOT_PHYSICS),
     "body": (body_key, NOT_BODY),
     "equations": (equations_key, NOT_PHYSICS),
 }
@@ -86,7 +85,7 @@ def test_every_leaf_of_the_schema_counts_in_each_key_or_has_a_reason_not_to() ->
         places |= {place[0], ".".join(place[:2])}
         has_like = any(where == like or place[-1] == like for like in ALIKE)
         for name, (key, table) in KEYS.items():
-            count = len({key(variant, str) for variant in variants})
+            count = len({key(variant, SectionData(str)) for variant in variants})
             if not is_left_out(place, table):
                 expected = 2 if has_like else len(variants)
                 wrong += [f"{name}: {where}: {count} of {len(variants)}"] if count < expected else []
@@ -145,10 +144,12 @@ def test_files_count_by_their_content_and_not_by_their_path() -> None:
         ]
 
     for job, moved in zip(with_files("a.stl"), with_files("other/a.stl"), strict=True):
-        assert content_key(moved, lambda path: "a") == content_key(job, lambda path: "a")
-        assert content_key(moved, lambda path: "a") != content_key(job, lambda path: "b")
+        assert content_key(moved, SectionData(lambda path: "a")) == content_key(job, SectionData(lambda path: "a"))
+        assert content_key(moved, SectionData(lambda path: "a")) != content_key(job, SectionData(lambda path: "b"))
     [*_, contact, _] = with_files("a.stl")
-    assert equations_key(contact, lambda path: "a") != equations_key(contact, lambda path: "b")
+    assert equations_key(contact, SectionData(lambda path: "a")) != equations_key(
+        contact, SectionData(lambda path: "b")
+    )
 
 
 def test_a_kept_body_is_that_of_the_job(comm: MPI.Intracomm, tmp_path: Path) -> None:
@@ -173,7 +174,7 @@ def test_a_kept_body_is_that_of_the_job(comm: MPI.Intracomm, tmp_path: Path) -> 
 
 
 def test_results_of_a_version_that_compared_less_are_refused_by_one_message() -> None:
-    new = fingerprint(load(BASE, directory=HERE), str)
+    new = fingerprint(load(BASE, directory=HERE), SectionData(str))
     old = {name: part for name, part in new.items() if name not in ("format", "cavities")}
     with pytest.raises(CheckpointError, match=r"^summary\.json: was written by a version of hpcinv that compares"):
         check_same_problem(Path("summary.json"), old, new)

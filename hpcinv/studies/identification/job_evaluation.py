@@ -12,7 +12,7 @@ from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,7 +26,7 @@ from hpcinv.errors import Interrupted, JobError, MeshError, SolveError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.identification import Identification
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import file_digest
+from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.sensitivities import TIES, Parameter, stated_values
 from hpcinv.mesh import reorder_to_source
 from hpcinv.mesh.source import Floats
@@ -158,7 +158,7 @@ class Evaluations:
         self.observed: list[Observed] = observations_of(job, body)
         self._own = [observation for observation in self.observed if share.has(observation.spec, first=first)]
         self._guesses: tuple[Guess, ...] = ()
-        self._digest = cache(file_digest)
+        self._known = SectionData()
         self.content = on_root(comm, self._content)
 
     def evaluate(self, values: Floats) -> Evaluation | None:
@@ -263,7 +263,7 @@ class Evaluations:
     def _files(self) -> list[str]:
         """Return the digests of the files of observations."""
         files = (observation.file for observation in self.section.observations)
-        return [self._digest(self.job.resolve(file)) for file in files if file is not None]
+        return [self._known.digest(self.job.resolve(file)) for file in files if file is not None]
 
     def _circumstances(self) -> dict[str, Any]:
         return {"files": self._files(), "inputs": self._inputs, "version": __version__}
@@ -275,7 +275,7 @@ class Evaluations:
             for kind in ("mesh", "surface", "landmarks"):
                 if isinstance(observation[kind], str):
                     observation[kind] = ""
-        return content_key(self._base, self._digest, identify=data, **self._circumstances())
+        return content_key(self._base, self._known, identify=data, **self._circumstances())
 
     def _path(self, job: Job) -> Path | None:
         if self._directory is None:
@@ -284,5 +284,5 @@ class Evaluations:
             observation.model_dump(mode="json", exclude={"sd", "name"}) for observation in self.section.observations
         ]
         observed = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
-        key = content_key(job, self._digest, observed=observed, **self._circumstances())
+        key = content_key(job, self._known, observed=observed, **self._circumstances())
         return self._directory / f"{key}.npz"

@@ -2,16 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import JobError
-from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import UNNAMED, Job, parse
-from hpcinv.job.resolved_job import file_digest
-from hpcinv.job.reuse_key import numbers_of, reuse_group_of
+from hpcinv.job.job_variants import JobVariants
+from hpcinv.job.resolved_job import SectionData
+from hpcinv.job.reuse_key import keys_of, numbers_of
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.studies.batch.axes import combined, sections_first
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
@@ -124,25 +123,52 @@ def _cases(
     sweep: Sweep, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
 ) -> Iterator[Case]:
     """Yield every valid case; faults of the others are added to ``faults``."""
-    digest = cache(file_digest)
-    defaults = sections_first(sweep.set)
+    known, variants, contents = SectionData(), JobVariants(base, untrusted=untrusted), _Contents(sweep, data)
     for number, (parameters, given) in enumerate(combined(sweep.axes)):
-        settings = {k: v for k, v in defaults.items() if k not in given} | sections_first(given)
         with faults.collected(_title(number, parameters), base):
-            job = parse(_content(data, settings, sweep.keep_solutions), base, untrusted=untrusted)
-            key, reuse_group = content_key(job, digest), reuse_group_of(job, digest)
+            settings, content = contents.of(given)
+            job = variants.job(content)
+            key, reuse_group = keys_of(job, known)
             home = job.resolve(job.mesh.file).absolute().parent
             yield Case(number, key, reuse_group, numbers_of(job), parameters, settings, home)
 
 
+class _Contents:
+    """Contents of the job files of cases; sections that no axis sets are the same objects in all of them."""
+
+    def __init__(self, sweep: Sweep, data: Mapping[str, Any]) -> None:
+        self._data, self._defaults, self._keeps_solutions = data, sections_first(sweep.set), sweep.keep_solutions
+        self._templates: dict[frozenset[str], tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {}
+
+    def of(self, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return all settings of a case by key, and the content of its job file, for the settings of its axes."""
+        replaced = frozenset(self._defaults.keys() & given.keys())
+        if replaced not in self._templates:
+            common = {key: value for key, value in self._defaults.items() if key not in replaced}
+            plain = changed_data(self._data, common)
+            self._templates[replaced] = common, plain, _with_defaults(plain, self._keeps_solutions)
+        common, plain, complete = self._templates[replaced]
+        settings = sections_first(given)
+        changed: dict[str, Any] = changed_data(plain, settings)
+        if all(changed.get(section) is plain.get(section) for section in _DEFAULTS):
+            changed |= {section: complete[section] for section in _DEFAULTS}
+        else:
+            changed = _with_defaults(changed, self._keeps_solutions)
+        return {**common, **settings}, changed
+
+
 def _content(data: Mapping[str, Any], settings: Mapping[str, Any], keeps_solutions: bool) -> Mapping[str, Any]:
     """Return the content of a job file with some settings, whose only output by default is the summary."""
-    changed = changed_data(data, settings)
+    return _with_defaults(changed_data(data, settings), keeps_solutions)
+
+
+def _with_defaults(content: Mapping[str, Any], keeps_solutions: bool) -> dict[str, Any]:
+    completed = dict(content)
     for section, default in (_DEFAULTS | _KEEPING if keeps_solutions else _DEFAULTS).items():
-        given = changed.get(section, {})
+        given = completed.get(section, {})
         if isinstance(given, Mapping):
-            changed[section] = {**default, **given}
-    return changed
+            completed[section] = {**default, **given}
+    return completed
 
 
 def _title(number: int, parameters: Mapping[str, Any]) -> str:
