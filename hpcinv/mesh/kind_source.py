@@ -1,4 +1,4 @@
-"""The mesh of a body as its file has it, and the body made of it: what depends on the kind of the body.
+"""What depends on the kind of a body: its mesh as the file has it, the body made of it, and the cells of that.
 
 This class is for solids, and the base of the others'.
 """
@@ -9,11 +9,14 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
+from hpcinv.base.quantity.locations import KeyPath
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.sections import ArrayLabels, MeshSpec
 from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES
-from hpcinv.mesh.source import DataArray, Floats, MeshSource
+from hpcinv.mesh.source import DataArray, Floats, Ints, MeshSource
 from hpcinv.on_demand import on_demand, variant
 
 
@@ -45,6 +48,22 @@ class KindSource:
         """Return the body with each cell cut into cells of half the size."""
         refined: MeshSource = on_demand("refined mesh")(body).source
         return refined
+
+    def quadrature(self, body: MeshSource, degree: int) -> int:
+        """Return the quadrature degree of cells that integrate polynomials of a degree, by default itself."""
+        return degree
+
+    def corrects_shear(self, body: MeshSource, degree: int) -> bool:
+        """Return whether displacements of a degree are too soft in shear through the cells' third direction."""
+        return False
+
+    def surface_heights(self, body: MeshSource, cells: Ints, count: int) -> Floats:
+        """Return where the given surface crosses the third axis (0 to 1) of cells, by their rows among ``count``."""
+        return np.full(len(cells), np.nan)
+
+    def node_rates(self, body: MeshSource, place: KeyPath, value: float) -> Floats:
+        """Return the derivatives (n, 3) of the nodes of the body by a number (SI) of the section of its kind."""
+        return np.zeros_like(body.points)
 
     def moved(self, body: MeshSource, shape: MeshSource) -> Floats:
         """Return the nodes (n, 3) m of the body whose mesh in the file has moved to ``shape``."""

@@ -21,12 +21,13 @@ from typing import NoReturn
 import numpy as np
 
 from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER
+from hpcinv.base.quantity.locations import KeyPath
 from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError
 from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.sections import ArrayLabels, MeshSpec, Shell
-from hpcinv.mesh.cells import mirrored, scalar_element, sub_entities, vertex_count
+from hpcinv.mesh.cells import LayerDegree, mirrored, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.kind_source import KindSource
 from hpcinv.mesh.quadrilaterals import halved
@@ -65,6 +66,24 @@ class ShellSource(KindSource):
 
     def cut(self, body: MeshSource) -> MeshSource:
         return halved_shell(body)
+
+    def quadrature(self, body: MeshSource, degree: int) -> int:
+        return LayerDegree(degree, body.slenderness)
+
+    def corrects_shear(self, body: MeshSource, degree: int) -> bool:
+        return body.layers == 1 and degree == _DEGREE
+
+    def surface_heights(self, body: MeshSource, cells: Ints, count: int) -> Floats:
+        assert body.shell is not None
+        assert body.shell.surface_level is not None
+        return np.asarray(body.shell.surface_level / 2 - cells * body.layers // count, dtype=np.float64)
+
+    def node_rates(self, body: MeshSource, place: KeyPath, value: float) -> Floats:
+        """By the thickness: nodes of a column lie at fixed shares of it from the given surface."""
+        surface, points = body.midsurface, body.points
+        assert surface is not None
+        columns: Floats = points - np.tile(surface.points, (len(points) // max(len(surface.points), 1), 1))
+        return columns / value
 
     def moved(self, body: MeshSource, shape: MeshSource) -> Floats:
         return moved_levels(body, shape)

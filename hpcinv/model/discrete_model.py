@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 from dolfinx.fem import Function
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.nondimensional import Scales, power_of_two
 from hpcinv.errors import JobError
-from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.states import given_on_current
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import LayerDegree
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.contacts import ContactReport
@@ -286,14 +283,7 @@ def _quadrature(job: Job, source: MeshSource) -> int:
             f"{job.path or UNNAMED}: discretisation.quadrature: must be at least {least} on {cells} of degree"
             f" {displacement}, not {degree}, or the tangent is nearly singular; raise it, or leave it out"
         )
-    of_kind = _DEGREES.get(source.body_kind)
-    return of_kind(degree or least, source) if of_kind else degree or least
-
-
-_DEGREES: Mapping[str, Callable[[int, MeshSource], int]] = {
-    SHELL.name: lambda degree, source: LayerDegree(degree, source.slenderness)
-}
-"""quadrature degree by the kind of the body, where it is not the same in all directions"""
+    return source_of(source.body_kind).quadrature(source, degree or least)
 
 
 def default_quadrature(kind: str, displacement: int) -> int:

@@ -16,6 +16,7 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Motion, Support
 from hpcinv.mesh import Body
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats
 from hpcinv.model.parameters import load_factor
 from hpcinv.model.spaces import Unknowns
@@ -388,14 +389,11 @@ def dofs_on(spaces: Any, held: Mapping[int, LocalIndices]) -> Any:
 
 
 def _surface_nodes(space: fem.FunctionSpace, body: Body) -> npt.NDArray[np.int32]:
-    """Return local degrees of freedom on the given surface of a shell, at a height of the third axis of its cells."""
+    """Return local degrees of freedom on the given surface, which crosses the third axis of cells."""
     source, points = body.source, space.element.basix_element.points
-    assert source.shell is not None
-    assert source.shell.surface_level is not None
-    layers = len(source.shell.layers) or 1
-    layer = np.asarray(body.mesh.topology.original_cell_index) * layers // sum(body.partition.cells)
-    height = source.shell.surface_level / 2 - layer
-    is_there = np.abs(points[None, :, 2] - height[:, None]) < 1e-9
+    rows, count = np.asarray(body.mesh.topology.original_cell_index), sum(body.partition.cells)
+    heights = source_of(source.body_kind).surface_heights(source, rows, count)
+    is_there = np.abs(points[None, :, 2] - heights[:, None]) < 1e-9
     return np.unique(space.dofmap.list[is_there])
 
 

@@ -30,7 +30,7 @@ from ufl.classes import Label, Variable
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
-from hpcinv.job.sections import Shell
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.constraint_integral import ConstraintIntegral
 from hpcinv.model.contacts import Contacts
@@ -52,9 +52,6 @@ from hpcinv.physics.materials import MaterialLaw
 
 LABEL = Label(1_000_001)
 """Label of ``H``, the variable of the laws' derivatives; fixed and large as the kinematics'."""
-
-_LEVELS = 3
-"""levels of nodes in one layer of a shell"""
 
 
 @dataclass(frozen=True)
@@ -139,7 +136,8 @@ class WeakForm:
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
-        is_one_layer = _is_one_layer(fields.body.source.shell, degree)
+        source = fields.body.source
+        is_one_layer = source_of(source.body_kind).corrects_shear(source, degree)
         total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
         strains = [*_strains(effect_data, total, kin.data_state)]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
@@ -251,10 +249,6 @@ class WeakForm:
         for strain in self._own:
             F0 = (ufl.Identity(3) + strain) * F0
         return remove_stages(F0)
-
-
-def _is_one_layer(shell: Shell | None, degree: int) -> bool:
-    return shell is not None and len(shell.levels) == _LEVELS and degree == _LEVELS - 1
 
 
 def _potentials(named: Iterable[tuple[str, tuple[Effect, Any, Any]]], total: Deformation) -> Iterator[Any]:

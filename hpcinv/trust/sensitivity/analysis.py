@@ -30,10 +30,11 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityValue, Shell, Support
+from hpcinv.job.sections import QuantityValue, Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import local_node_values
+from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.parameters import ParameterDirection
@@ -55,7 +56,7 @@ def _references(
         return {p.key: _reference(equations, p, *first) for p in numbers}
     references = {key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()}
     values = {p.key: p.value for p in numbers}
-    rates = _node_rates(equations.body, numbers)
+    rates = _node_rates(equations.job, equations.body, numbers)
     return references | {key: ReferenceChange(moved, None, values[key]) for key, moved in rates.items()}
 
 
@@ -267,14 +268,9 @@ def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float
     return max(entry for entry in everywhere if entry is not None)
 
 
-def _node_rates(body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
+def _node_rates(job: Job, body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
     """Return derivatives (n, 3) of the local geometry nodes by those parameters that move them, by key; collective."""
-    return {p.key: _thickness_rate(body, p.value) for p in parameters if isinstance(p.owner, Shell)}
-
-
-def _thickness_rate(body: Body, thickness: float) -> Floats:
-    """Nodes of a column lie at fixed shares of the thickness from the given surface."""
-    surface, points = body.source.midsurface, body.source.points
-    assert surface is not None
-    columns = points - np.tile(surface.points, (len(points) // max(len(surface.points), 1), 1))
-    return local_node_values(body, columns / thickness)
+    source, sections = body.source, [*job.mesh.sections_of_kind.values()]
+    moving = [p for p in parameters if p.owner in sections]
+    kind = source_of(source.body_kind)
+    return {p.key: local_node_values(body, kind.node_rates(source, p.place, p.value)) for p in moving}
