@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hpcinv.base.quantity import Divisions, Length
 
 
@@ -24,10 +26,19 @@ def build(
     upper: Divisions = 3,
     layers: Divisions = 1,
     hexahedra: bool = False,
+    margin: Length = 0.0,
+    crown: Length = 0.0,
 ) -> None:
-    """Mesh each block with its own number of divisions along x and y, and both with ``layers`` of cells."""
+    """Mesh each block with its own number of divisions along x and y, and both with ``layers`` of cells.
+
+    Args:
+        margin: by which the lower block is longer than the upper one along x and y.
+        crown: height by which the lower face of the upper block rises from x = y = 0 to the far corner, as a
+            paraboloid; its upper face stays flat.
+    """
     start = lower_height + gap
-    below = _block(gmsh, (lx, ly), (0.0, lower_height), (int(lower), int(lower), int(layers)), hexahedra)
+    wide = (lx + margin, ly + margin)
+    below = _block(gmsh, wide, (0.0, lower_height), (int(lower), int(lower), int(layers)), hexahedra)
     above = _block(gmsh, (lx, ly), (start, upper_height), (int(upper), int(upper), int(layers)), hexahedra)
     for name in ("x0", "x1", "y0", "y1"):
         gmsh.model.addPhysicalGroup(2, [below[name], above[name]], name=name)
@@ -36,6 +47,12 @@ def build(
     for name, block in (("lower", below), ("upper", above)):
         gmsh.model.addPhysicalGroup(3, [block["volume"]], name=name)
     gmsh.model.mesh.generate(3)
+    if crown:
+        _raise(
+            gmsh,
+            above["volume"],
+            lambda x, y, z: (start + upper_height - z) / upper_height * crown * (x**2 + y**2) / (lx**2 + ly**2),
+        )
 
 
 def _block(
@@ -60,3 +77,10 @@ def _block(
             gmsh.model.mesh.setRecombine(2, surface)
     gmsh.model.mesh.setTransfiniteVolume(volume)
     return named
+
+
+def _raise(gmsh: Any, volume: int, by: Callable[[float, float, float], float]) -> None:
+    """Move the nodes of a volume and of its boundary along z."""
+    nodes, places, _ = gmsh.model.mesh.getNodes(3, volume, includeBoundary=True)
+    for node, (x, y, z) in zip(nodes, places.reshape(-1, 3), strict=True):
+        gmsh.model.mesh.setNode(node, [x, y, z + by(x, y, z)], [])

@@ -45,6 +45,9 @@ class Interface(Spec):
     given: the pressure of the forward solution, in a round trip that begins with it"""
     rest_gap: Length | None = None
     """gap of the unloaded bodies with 'closure: gap'"""
+    touches_within: Length | None = None
+    """gap of the given bodies up to which a 'closure' lets them press on each other; by default 1/256 of their length.
+    Segmented surfaces need some; more widens the interval"""
     known: Known = Known()
     """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
@@ -53,6 +56,10 @@ class Interface(Spec):
             yield ("between",), "names one region twice: name the two surfaces that face each other"
         if self.closure is not None and self.kind != "contact":
             yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
+        if self.touches_within is not None and self.closure is None:
+            yield ("touches_within",), "is not valid without a 'closure'"
+        if self.touches_within is not None and self.touches_within <= 0:
+            yield ("touches_within",), "must be positive"
         if self.closure is None and self.known.model_fields_set:
             yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
         if (self.closure == "gap") != (self.rest_gap is not None):

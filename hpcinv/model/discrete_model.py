@@ -113,11 +113,12 @@ class DiscreteModel:
             weak_form.parameters.set_load(load)
         self.supports.scale(load)
 
-    def put_fields(self, fields: tuple[Function, Function | None] | None) -> None:
+    def put_fields(self, fields: tuple[Function, Function | None] | None, *, locates: bool = True) -> None:
         """Set the unknowns alone; the next solve begins with them.
 
         Args:
             fields: displacement (m) and pressure (Pa; ``None`` in the displacement form); ``None`` for zero.
+            locates: whether contacts are searched there, which fields of the body do not need.
         """
         if fields is None:
             self.unload()
@@ -126,7 +127,8 @@ class DiscreteModel:
         self.unknowns.set_displacement(u.x.array / self.scales.length)
         if p is not None:
             self.unknowns.set_pressure(p.x.array / self.scales.stress)
-        self._locate_contacts()
+        if locates:
+            self._locate_contacts()
 
     def put_displacement(self, values: Floats) -> None:
         """Set the displacement alone, by values (scaled) at the local degrees of freedom of its space."""

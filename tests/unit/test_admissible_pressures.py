@@ -83,10 +83,37 @@ def test_end_of_a_curved_quantity_settles_where_the_bodies_touch() -> None:
         here = near(p.tolist(), (0.5 - p - p**2 / 2).tolist(), -np.diag(1 + p))
         return float(p[0] ** 3 + p[0]), here, 3 * p**2 + 1
 
-    value, pressures, has_settled = settled_end(solve, lambda here, slopes: here.end(slopes, 1.0), np.zeros(1), 1e-9)
+    value, pressures, has_settled = settled_end(
+        solve, lambda here, slopes, reach: here.end(slopes, 1.0, reach), np.zeros(1), 1e-9, 1e-9
+    )
     p = 2**0.5 - 1
     assert has_settled
     assert pressures == pytest.approx([p])
     assert value == pytest.approx(p**3 + p)
-    least, _, _ = settled_end(solve, lambda here, slopes: here.end(slopes, -1.0), np.full(1, 0.3), 1e-9)
+    least, _, _ = settled_end(
+        solve, lambda here, slopes, reach: here.end(slopes, -1.0, reach), np.full(1, 0.3), 1e-9, 1e-9
+    )
     assert least == pytest.approx(0.0)
+
+
+def test_end_settles_where_programs_alternate_between_corners() -> None:
+    """The gap of a spring opens again beyond p = 1, so that each program alone would jump to another corner."""
+
+    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+        here = near(p.tolist(), [1.0], np.zeros((1, 1)), greatest=3.0)
+        return -float((p[0] - 1.2) ** 2), here, -2 * (p - 1.2)
+
+    value, pressures, has_settled = settled_end(
+        solve, lambda here, slopes, reach: here.end(slopes, 1.0, reach), np.zeros(1), 1e-3, 1e-9
+    )
+    assert has_settled
+    assert pressures == pytest.approx([1.2], abs=1e-2)
+    assert value == pytest.approx(0.0, abs=1e-4)
+
+
+def test_bodies_that_overlap_at_an_end_have_not_settled() -> None:
+    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+        return 0.0, near(p.tolist(), [-0.1], np.zeros((1, 1)), greatest=1.0), np.zeros(1)
+
+    _, _, has_settled = settled_end(solve, lambda *_: np.zeros(1), np.zeros(1), 1e-3, 1e-9)
+    assert not has_settled

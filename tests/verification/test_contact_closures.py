@@ -68,9 +68,11 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     checked = {"certificate": {"level": "quick"}, "uncertainty": "contact"}
     result = solved(comm, {"closure": "conforming"}, **back, **checked)
     assert result.certificate is not None
-    (line,) = (line for line in result.certificate.lines if line.name.startswith("interval of 'gap'"))
-    low, high = (float(end) for end in line.note.split(" (SI)")[0].split(" to "))
+    intervals = {line.interval["of"]: line.interval for line in result.certificate.lines if line.interval}
+    low, high = (intervals["gap"][end] for end in ("low", "high"))
     assert low < 0.51 < high
+    assert intervals["force on bottom"]["low"] == pytest.approx(0.0, abs=1e-9)
+    assert intervals["mean rest gap at bottom"]["low"] == pytest.approx(0.0, abs=1e-6)
     assert high - low < 0.03
     shares = [solved(comm, {"closure": "gap", "rest_gap": gap}, **back).quantities["gap"] for gap in (1e-4, 5e-3)]
     for value in (result.quantities["gap"], *shares):

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hpcinv.job.interfaces import Interface
 from hpcinv.mesh.source import Floats
 
 
@@ -60,3 +61,22 @@ LAWS: Mapping[str, Law] = {
     "sliding": Law(False, True, True, 0.25, 2.0**12, (2.0**-42, 2.0**-38)),
     "contact": Law(False, False, True, np.inf, 2.0**8, (2.0**-38, 2.0**-34)),
 }
+_CLOSURES = {
+    "touching": "touches without pressure",
+    "conforming": "pressed where the unloaded bodies touch, too, on",
+    "gap": "pressed where the unloaded bodies have a known gap to",
+    "given": "pressed as in the forward solution on",
+}
+
+
+def assumption(spec: Interface, sign: int) -> str:
+    """Return what determines the tractions of an interface, in words.
+
+    Args:
+        sign: of the kinematics.
+    """
+    other = spec.between[1]
+    texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
+    if sign < 0 and spec.closure is not None:
+        return f"{_CLOSURES[spec.closure]} '{other}' (assumed: the shape does not determine the pressure)"
+    return texts.get(spec.kind, f"on '{other}', without friction")

@@ -32,7 +32,7 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.jump import Jump
-from hpcinv.model.interfaces.kinds import LAWS
+from hpcinv.model.interfaces.kinds import LAWS, assumption
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
 from hpcinv.model.interfaces.segments import segments
@@ -44,12 +44,6 @@ _OVERLAP = 2.0**-6
 _ROUNDED = 2.0**-26
 """Overlap up to which the pressure of contact is rounded, in lengths of the body. Lowered, nodes that barely touch go
 in and out of contact; raised, bodies that only touch press on each other."""
-_CLOSURES = {
-    "touching": "touches without pressure",
-    "conforming": "pressed where the unloaded bodies touch, too, on",
-    "gap": "pressed where the unloaded bodies have a known gap to",
-    "given": "pressed as in the forward solution on",
-}
 _NEAR = 2.0**-8
 """Gap of a given deformed shape, in lengths of the body, up to which its bodies touch. Raised, they press on each other
 where they are apart; lowered, segmented surfaces do not touch."""
@@ -221,7 +215,9 @@ class SurfacePair:
         """Return 1 where tractions may act, else 0: on a given shape, where its bodies touch each other."""
         if self._sign > 0 or self._law.pulls:
             return 1.0
-        return (self._force_jump.gaps <= _NEAR * self._body.length).astype(np.float64)
+        within = self.spec.touches_within
+        reach = _NEAR * self._body.length if within is None else within / self._body.length_scale
+        return (self._force_jump.gaps <= reach).astype(np.float64)
 
     def add_forces(self, forces: Floats) -> None:
         """Subtract the nodal forces of the tractions from residuals (owned unknowns at first)."""
@@ -339,17 +335,25 @@ class SurfacePair:
         self._before_update: Floats | None = None
         self._updates = list[tuple[Floats, Floats]]()
 
-    def locate(self) -> None:
-        """Renew the jumps at the present state, unless they are constant, or it has not changed since."""
+    def locate(self, *, measures: bool = False) -> None:
+        """Renew the jumps at the present state, unless they are constant, or it has not changed since.
+
+        Args:
+            measures: whether gaps are needed of bodies with given pressures, too.
+        """
         if not self._law.is_renewed:
             return
         unknowns, x = self._unknowns, self._body.mesh.geometry.x
         u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
-        here = self._place is not None and all(map(np.array_equal, self._place, (x, u)))
-        if self._comm.allreduce(here, op=MPI.LAND):
+        same = map(np.array_equal, self._place, (x, u)) if self._place is not None else (False, False)
+        is_mesh_same, is_state_same = (self._comm.allreduce(part, op=MPI.LAND) for part in same)
+        if is_mesh_same and (is_state_same or not (self.is_iterated or measures)):
             return
         self._place = x.copy(), u.copy()
-        current, pressed = self._searched(x, u if self._sign > 0 else None)
+        if self._sign < 0 and is_mesh_same:  # on a given shape forces are constant
+            current, pressed, self._pressed = self._force_jump, self._pressed, None
+        else:
+            current, pressed = self._searched(x, u if self._sign > 0 else None)
         self._set_jumps(current, self._jump(x, -u) if self._sign < 0 else current, pressed)
         gaps = self._gap_jump.gaps - self._wanted_gaps
         measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
@@ -435,7 +439,7 @@ class SurfacePair:
     def report(self, scales: Scales) -> ContactReport:
         """Return the results of the present state."""
         if not self.is_iterated:
-            self.locate()  # no update has measured the gaps there
+            self.locate(measures=True)  # no update has measured the gaps there
         tractions, unit = self._tractions()[0], scales.stress
         gaps = self._signed_gaps() * self._sign
         if self._law.has_vectors:
@@ -455,7 +459,7 @@ class SurfacePair:
         return ContactReport(
             where=self.where,
             region=self.spec.between[0],
-            assumption=self._assumption,
+            assumption=assumption(self.spec, self._sign),
             force=(float(force[0]), float(force[1]), float(force[2])),
             area=self._force_jump.area * float(shares[sizes > 0].sum()) * scales.length**2,
             penetration=float(widest[touched].max(initial=0.0)) * scales.length,
@@ -466,14 +470,6 @@ class SurfacePair:
             penalty=None,
             fields=tuple(fields),
         )
-
-    @property
-    def _assumption(self) -> str:
-        other = self.spec.between[1]
-        texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
-        if self._sign < 0 and self.spec.closure is not None:
-            return f"{_CLOSURES[self.spec.closure]} '{other}' (assumed: the shape does not determine the pressure)"
-        return texts.get(self.spec.kind, f"on '{other}', without friction")
 
     def _total_force(self, tractions: Floats) -> Floats:
         """Return the force (3,) on the first region of the job, scaled."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -87,6 +87,8 @@ class Line:
         seconds: time of the check (largest over the ranks). A check may have several lines: its time is with the first
             one, and the others have ``None``, so that the sum over all lines is the time of all checks.
         state: name of the state of the body; empty in a job without states.
+        interval: of a quantity: its name ``of``, its ends ``low`` and ``high`` (SI; ``None`` for none), its ``unit``,
+            and its causes.
     """
 
     topic: Topic
@@ -97,6 +99,7 @@ class Line:
     note: str = ""
     seconds: float | None = None
     state: str = ""
+    interval: Mapping[str, Any] | None = None
 
     @property
     def name(self) -> str:
@@ -171,6 +174,7 @@ class Certificate:
                 "seconds": line.seconds,
             }
             | ({"state": line.state} if line.state else {})
+            | ({"interval": dict(line.interval)} if line.interval is not None else {})
             for line in self.lines
         ]
         return {"verdict": self.verdict.value, "lines": lines}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import SolveError
 from hpcinv.on_demand import on_demand
 from hpcinv.trust.certificate.certify import Check, CheckedRun
-from hpcinv.trust.certificate.check import Line, Verdict, skipped, topic
+from hpcinv.trust.certificate.check import Line, Verdict, topic
 
 INTERVAL = topic(
     "interval of '…' over all contact pressures that the shape admits",
@@ -49,18 +50,28 @@ class ContactIntervalCheck(Check):
         elif found.overlap is not None:
             note = f"no unloaded bodies exist that do not overlap: by at least {readable(found.overlap, 'm')}"
             yield Line(ADMISSIBLE, found.overlap, "m", "warning if there is none", Verdict.WARN, note)
-        for interval in found.intervals:
-            ends = ["no end" if end is None else f"{end:.6g}" for end in (interval.low, interval.high)]
-            has_ends = interval.low is not None and interval.high is not None
-            width = interval.high - interval.low if has_ends else None
-            note = f"{ends[0]} to {ends[1]} (SI), over {found.count} pressures" + (
-                "" if interval.has_settled else "; an end has not settled"
-            )
-            verdict = Verdict.PASS if has_ends and interval.has_settled else Verdict.UNDECIDED
-            yield Line(INTERVAL.placed(interval.name), width, "", "width; no threshold", verdict, note)
-        if not found.intervals and found.overlap is None:
-            yield skipped(ADMISSIBLE, "there is no quantity of one number: add one to 'quantities'")
+        yield from (_line(interval, found.count) for interval in found.intervals)
         if found.intervals:
             note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
             about = INTERVAL.placed("shape")
             yield Line(about, found.distance, "m", "distance; no threshold", Verdict.PASS, note)
+
+
+def _line(found: Any, count: int) -> Line:
+    """Return the line of an `hpcinv.trust.intervals.contact_interval.Interval`."""
+    width = None if found.low is None or found.high is None else found.high - found.low
+    zero = 1e-9 * (width or 0.0)  # rounding errors
+    ends = [_end(end, found.unit, zero) for end in (found.low, found.high)]
+    note = f"{ends[0]} to {ends[1]}, over {count} pressures in {found.solves} solves"
+    note += "" if found.has_settled else "; an end has not settled"
+    verdict = Verdict.PASS if width is not None and found.has_settled else Verdict.UNDECIDED
+    data = {"of": found.name, "low": found.low, "high": found.high, "unit": found.unit}
+    data |= {"by": "contact pressures", "pressures": count, "solves": found.solves}
+    about = INTERVAL.placed(found.name)
+    return Line(about, width, found.unit, "width; no threshold", verdict, note, interval=data)
+
+
+def _end(value: float | None, unit: str, zero: float) -> str:
+    if value is None:
+        return "no end"
+    return readable(value if abs(value) > zero else 0.0, unit, 4)

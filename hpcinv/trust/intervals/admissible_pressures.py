@@ -51,8 +51,11 @@ class AdmissiblePressures:
     widest: Floats
     forces: Sequence[tuple[Floats, float, float]] = ()
 
-    def end(self, slopes: Floats, sign: float) -> Floats:
+    def end(self, slopes: Floats, sign: float, reach: float = np.inf) -> Floats:
         """Return the admissible pressures (n,) that make ``sign · slopes · p`` largest.
+
+        Args:
+            reach: largest change of a pressure; it is widened where no pressures within it are admissible.
 
         Raises:
             UnboundedEnd: there is no largest value.
@@ -61,18 +64,29 @@ class AdmissiblePressures:
         from scipy.optimize import linprog  # slow to import, and rarely needed
 
         rows, limits = self._rows()
-        found = linprog(-sign * slopes, A_ub=rows, b_ub=limits, bounds=self._bounds, method="highs")
-        if found.status == 0:
-            pressures: Floats = found.x
-            return pressures
+        for near in (reach, 4 * reach, 16 * reach, np.inf) if np.isfinite(reach) else (np.inf,):
+            bounds = [(max(low, p - near), min(high, p + near)) for (low, high), p in self._bounds_and_pressures]
+            found = linprog(-sign * slopes, A_ub=rows, b_ub=limits, bounds=bounds, method="highs")
+            if found.status == 0:
+                pressures: Floats = found.x
+                return pressures
         if self._least_slack(rows, limits) < 0:
             count = len(self.gaps)  # rows of gaps that are not negative come first
             raise NoPressure(self._least_slack(rows[:count], limits[:count]))
         raise UnboundedEnd
 
     @property
+    def depth(self) -> float:
+        """Largest overlap of the undeformed bodies at the solution, at least 0."""
+        return max(0.0, -float(self.gaps.min(initial=0.0)))
+
+    @property
     def _bounds(self) -> list[tuple[float, float]]:
         return [(0.0, greatest) for greatest in self.greatest]
+
+    @property
+    def _bounds_and_pressures(self) -> list[tuple[tuple[float, float], float]]:
+        return list(zip(self._bounds, self.pressures.tolist(), strict=True))
 
     def _rows(self) -> tuple[Floats, Floats]:
         """Return matrix A and bounds b of ``A p ≤ b``."""
@@ -96,27 +110,43 @@ class AdmissiblePressures:
 
 def settled_end(
     solve: Callable[[Floats], tuple[float, AdmissiblePressures, Floats]],
-    choose: Callable[[AdmissiblePressures, Floats], Floats],
+    choose: Callable[[AdmissiblePressures, Floats, float], Floats],
     start: Floats,
     tolerance: float,
+    depth: float,
 ) -> tuple[float, Floats, bool]:
     """Return the end of a quantity that is not linear: value, pressures, and whether it has settled.
 
+    It has settled where one more program would gain little, and the bodies do not overlap. After some programs each
+    one may change pressures by a multiple of the last change only, which falls where changes alternate: open surfaces
+    that begin to touch would do so for ever.
+
     Args:
         solve: returns for pressures the quantity, what is admissible near them, and the slopes of the quantity.
-        choose: returns the pressures at the end of what is admissible, for some slopes.
-        tolerance: change of the quantity by one more program at which it has settled.
+        choose: returns the pressures at the end of what is admissible, for some slopes and a largest change.
+        tolerance: change of the quantity that one more program may promise.
+        depth: overlap that is tolerated.
     """
     value, near, slopes = solve(start)
-    pressures = start
-    for _ in range(_MOST):
-        following = choose(near, slopes)
-        after, near, slopes = solve(following)
-        change, value, pressures = abs(after - value), after, following
-        if change <= tolerance:
+    pressures, reach, before = start, np.inf, np.zeros_like(start)
+    for count in range(_MOST + 1):
+        following = choose(near, slopes, reach)
+        step = following - pressures
+        if count and abs(float(slopes @ step)) <= tolerance and near.depth <= depth:
             return value, pressures, True
+        if count == _MOST:
+            break
+        if count >= _FREE:
+            alternates = float(step @ before) < 0
+            reach = (_SHORTER if alternates else _LONGER) * float(np.abs(step).max(initial=0.0))
+        pressures, before = following, step
+        value, near, slopes = solve(pressures)
     return value, pressures, False
 
 
-_MOST = 12
+_MOST = 20
 """Programs in turn for one end; raised, ends that do not settle take longer."""
+_FREE = 3  # programs before changes are limited
+_SHORTER, _LONGER = 0.6, 2.0
+"""Multiples of the last change to which the next one is limited where changes alternate, and elsewhere. The first one
+raised, ends alternate; lowered, they stop too early."""

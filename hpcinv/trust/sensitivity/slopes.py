@@ -15,7 +15,7 @@ which fibres and fields are attached, change too: ``Q(u, p, θ, X, u₀)``.
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,11 +27,12 @@ from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.location import Point, PointLocation
 from hpcinv.mesh.source import Floats
 from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.state import State
-from hpcinv.results.quantities_of_interest import carried, fields_for, values_of
+from hpcinv.results.quantities_of_interest import carried, check_points, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 
@@ -96,12 +97,14 @@ def slopes(
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
     fields = fields_for(quantities, body, weak_form, equations.scales)
+    located = check_points(quantities, body)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
         moved, wanted = solution, quantities
+        places: Mapping[Point, PointLocation | None] | None = located
         if change.reference is not None:
             moved = change.reference.moved(solution, shift)
-            wanted = list(carried(quantities, body, moved.mesh_nodes))
+            wanted, places = list(carried(quantities, body, moved.mesh_nodes)), None
         moved = replace(
             moved,
             u=solution.u + shift * change.u,
@@ -109,9 +112,12 @@ def slopes(
             pressure=_moved(solution.pressure, change.pressure, shift),
             constraints=tuple(_reports(solution, shift * change.numbers)),
         )
-        equations.put(moved)
+        if change.reference is not None or solution.constraints or not solution.contacts:
+            equations.put(moved)
+        elif fields is not None:  # contacts stay: a search of surfaces takes longer than all else
+            equations.put_fields(moved.fields, locates=False)
         with weak_form.parameters.moved(change.direction, shift):
-            return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields).items()}
+            return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields, places).items()}
 
     kinked = _kinked(quantities, has_kinks(solution.job))
     derivatives: dict[str, dict[str, QuantityValue]] = {quantity.name: {} for quantity in quantities}
