@@ -201,13 +201,15 @@ class Contacts:
             contact.locate()
 
     def update(self) -> bool:
-        """Update pressures and nearest points, unless they have settled; return whether they had not."""
-        changes = [contact.change() for contact in self._iterated]
-        if max((size for size, _ in changes), default=0.0) <= 1.0:
-            return False
-        for _, apply in changes:
+        """Update the contacts that have not settled; return whether there are any.
+
+        A settled contact stays as it is: its tolerance may be far above the tolerance of others, which would follow its
+        last digits for ever.
+        """
+        updates = [apply for size, apply in [contact.change() for contact in self._iterated] if size > 1.0]
+        for apply in updates:
             apply()
-        return True
+        return bool(updates)
 
     def halve_update(self) -> None:
         """Take back half of the last change of the pressures, after which no solution was found, and its penalties."""
