@@ -134,14 +134,13 @@ class CavityEquation:
         self._places = [first + i for i in job.cavity_effects(name)]
         self.number, self.unit = 0.0, scales.stress
 
-    def put(self) -> None:
-        """Put the pressure into the weak form, whose forces are in proportion to its present load factor.
+    def numbers(self) -> list[tuple[int, str, float]]:
+        """Return places, name and value (scaled) of the pressure; forces are in proportion to the present load factor.
 
         Unknown pressures belong to the first load case.
         """
-        parameters = self._weak_form.parameters
-        for place in self._places:
-            parameters.set_number(place, "pressure", self.number / float(parameters.constant.value[0]))
+        load = float(self._weak_form.parameters.constant.value[0])
+        return [(place, "pressure", self.number / load) for place in self._places]
 
     def on_mesh(self) -> CavityEquation:
         """Return the equation on the mesh as it lies now; collective."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from dolfinx.fem import Function
 
 from hpcinv.base.parallel.runtime import MPI
@@ -134,6 +136,12 @@ class DiscreteModel:
         """Set the displacement alone, by values (scaled) at the local degrees of freedom of its space."""
         self.unknowns.set_displacement(values)
         self._locate_contacts()
+
+    def put_contacts(
+        self, direction: Direction, reports: Sequence[ContactReport], transfer: Callable[[Function], Function]
+    ) -> None:
+        """Set the contacts of a direction alone to a solution's on another mesh, as `Contacts.restore`; collective."""
+        self.weak_form(direction).contacts.restore(reports, self.scales, transfer)
 
     def unload(self) -> None:
         """Set displacement and pressure to zero."""

@@ -91,9 +91,9 @@ class EffectConstraint:
     def _factor(self) -> float:
         return float(self._weak_form.parameters.constant.value[self._case])
 
-    def put(self) -> None:
-        """Put the number into the weak form, at its present load factor."""
-        self._weak_form.parameters.set_number(self._ingredient, self._effect.finds, self.number / self._factor)
+    def numbers(self) -> list[tuple[int, str, float]]:
+        """Return place, name and value (scaled) of the number at the present load factor."""
+        return [(self._ingredient, self._effect.finds, self.number / self._factor)]
 
     def value(self, load: float) -> float:
         """Return C at the present state, number and load factor, which the weak form has; collective."""

@@ -178,7 +178,7 @@ class Equilibrium:
         """
         system, linear, numbers = self.system, self.linear, numbers or self.numbers
         numbers.put(load)
-        system.weak_form.contacts.locate()
+        system.locate_contacts()
         if system.weak_form.passages.has_passed():  # an obstacle that moves
             return self._passed_through(load, predicted, numbers)
         monitor = self._monitor(tolerance, numbers, begins_near=begins_near and self.reuse > 0)

@@ -486,9 +486,7 @@ class SeriesContinuation:
         self._system.supports.free(b.array)
         if supports.prescribe_motion:
             forces = b.copy()
-            supports.scale_rates(system.weak_form.parameters.load_rates(load))
-            system.lift(b)
-            supports.scale(load)
+            system.lift_path_rates(b, load)
             b.axpy(1.0, forces)
             forces.destroy()
 

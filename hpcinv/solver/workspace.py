@@ -46,9 +46,9 @@ class Workspace:
         """
         key, is_kept = on_root(self.comm, lambda: self._key(job))  # other ranks may not see the file
         if self._body is not None and is_kept:
-            body = self._body[1]
-            body.move_to(body.given_nodes)
-            return body
+            for equations in [*self._equations.values()][:1]:  # all have the same mesh
+                equations.put(equations.unloaded())
+            return self._body[1]
         self.clear()
         degree = job.discretisation.displacement
         body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)

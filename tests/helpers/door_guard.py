@@ -1,7 +1,7 @@
-"""The guard of the door: only `DiscreteModel.put` and the solver write mesh, unknowns, load factors and supports.
+"""The guard of the door: only `DiscreteModel.put` and `System` write mesh, unknowns, parameters, supports and contacts.
 
 Elsewhere in the package their arrays are read-only, and PETSc's vector of the unknowns is a copy: a write raises
-or has no effect.
+or has no effect. Contacts change only in calls of these two.
 """
 
 from __future__ import annotations
@@ -19,20 +19,19 @@ from dolfinx import fem, la, mesh
 WRITERS = {
     "hpcinv.model.discrete_model.DiscreteModel": (
         *("__init__", "put", "renew", "put_load", "put_fields", "put_displacement", "put_unknowns"),
-        *("unload", "impose_supports", "weak_form"),
+        *("put_contacts", "unload", "impose_supports", "weak_form"),
     ),
-    "hpcinv.solver.workspace.Workspace": ("body",),
     "hpcinv.model.assembly.system.System": (
         *("set_load", "set_state", "set_values", "begin_path", "begin_line", "begin_unloaded", "end_path"),
-        *("lift_rates",),
+        *("lift_rates", "lift_path_rates", "lift_region", "move_region", "set_numbers"),
+        *("begin_contacts", "locate_contacts", "update_contacts", "halve_contact_update"),
     ),
-    "hpcinv.model.assembly.taylor_residual.TaylorResidual": ("begin",),
-    "hpcinv.solver.series_continuation.SeriesContinuation": ("_lift",),
-    "hpcinv.solver.constraints.remote_motions.RemoteMotion": ("put", "set_columns"),
-    "hpcinv.model.cavities.CavityEquation": ("put",),
-    "hpcinv.model.effect_constraints.EffectConstraint": ("put",),
 }
-"""Classes with the methods that may write."""
+"""Classes with the methods that may write: a state is put, and a solver's system moves it."""
+CALLED_INSIDE = {
+    "hpcinv.model.contacts.Contacts": ("begin", "reset", "restore", "locate", "update", "halve_update"),
+}
+"""Classes with methods that change a model, and that only these may call."""
 SETTERS = {
     "hpcinv.mesh.body.Body": ("move_to",),
     "hpcinv.model.spaces.Unknowns": ("set_displacement", "set_pressure"),
@@ -94,6 +93,16 @@ def _may_write_for_tests(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _is_of_the_package(frame: FrameType) -> bool:
     return str(frame.f_globals["__name__"]).startswith("hpcinv.")
+
+
+def _only_inside(function: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if _is_on and not _inside and _is_of_the_package(sys._getframe(1)):
+            raise ValueError(f"{function.__qualname__} is called around the door")
+        return function(*args, **kwargs)
+
+    return call
 
 
 def _may_lend(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -159,7 +168,13 @@ def guarded() -> Iterator[None]:
 
 @cache
 def _install() -> None:
-    for table, wrapped in ((WRITERS, _may_write), (SETTERS, _may_write_for_tests), (LENDERS, _may_lend)):
+    wrappers = (
+        (WRITERS, _may_write),
+        (SETTERS, _may_write_for_tests),
+        (LENDERS, _may_lend),
+        (CALLED_INSIDE, _only_inside),
+    )
+    for table, wrapped in wrappers:
         for path, names in table.items():
             kind = _class(path)
             for name in names:

@@ -42,7 +42,6 @@ class SmallSystem:
         self.matrix.assemble()
         passages = SimpleNamespace(has_passed=lambda: False, depart=lambda: None)
         self.weak_form = SimpleNamespace(
-            contacts=SimpleNamespace(locate=lambda: None),
             passages=passages,
             kinematics=SimpleNamespace(direction="inverse"),
             unknowns=SimpleNamespace(size=size),
@@ -61,6 +60,9 @@ class SmallSystem:
 
     def set_values(self, values: np.ndarray) -> None:
         self.x.array[:] = values
+
+    def locate_contacts(self) -> None:
+        """Nothing is in contact."""
 
     def set_load(self, load: float) -> None:
         self.load = load

@@ -1,4 +1,4 @@
-"""A fixture of several files: the begin of a study."""
+"""System tests: only the door writes the state of a model; and the begin of a study."""
 
 from __future__ import annotations
 
@@ -26,3 +26,12 @@ def begin() -> Iterator[Begin]:
             return StudySchedule(plan, Ledger(store, held.enter_context(Holder(store))), 0.0, ranks)
 
         yield schedule
+
+
+@pytest.fixture(autouse=True)
+def only_the_door_writes() -> Iterator[None]:
+    """Raise where something else writes mesh, unknowns, load factors or supports."""
+    from helpers.door_guard import guarded
+
+    with guarded():
+        yield

@@ -153,7 +153,7 @@ def test_tangent_is_the_derivative_of_the_forces(comm: MPI.Intracomm, kind: str)
     state = system.state.x.array
     state[:] = 1e-2 * random.standard_normal(len(state))
     equations.supports.impose(state)
-    system.weak_form.contacts.locate()
+    system.locate_contacts()
     system.linearise(1.0)
     here, step = state.copy(), system.rhs.duplicate()
     step.array[:] = random.standard_normal(len(state))

@@ -77,6 +77,7 @@ def test_series_of_the_residual_converges_with_its_order(direction: str, formula
     along.x.scatter_forward()
 
     def coefficients_of(taylor: TaylorResidual, *, puts_late: bool = False) -> list[np.ndarray]:
+        system.set_load(load)
         taylor.begin(ORDER, load)
         found = []
         for order in range(ORDER + 1):
@@ -118,6 +119,7 @@ def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm) -> None:
     weak_form, state = model.weak_form("inverse"), model.unknowns.state
     taylor, load = TaylorResidual(weak_form), 0.7
     along = 0.1 * np.random.default_rng(0).normal(size=len(state.x.array))
+    model.put_load(load)
     taylor.begin(ORDER, load)
     taylor.put(1, along, 0.3)
     graphs = graphs_of(weak_form)
@@ -224,6 +226,7 @@ def test_taylor_arithmetic_is_derived_once(
         deform(model.unknowns)
         weak_form, values = model.weak_form("inverse"), []
         system, taylor = System(weak_form, model.supports, Timings()), TaylorResidual(weak_form)
+        system.set_load(0.7)
         taylor.begin(2, 0.7)
         for order in range(3):
             taylor.put(order, model.unknowns.state.x.array / (order + 1), 0.3)

@@ -1,6 +1,6 @@
 """Residual and tangent of a weak form at a load factor, as PETSc vector and matrix."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any, Self
 
@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
+from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.admissibility import Admissibility
 from hpcinv.model.assembly.tangent import Tangent, tangent_of
 from hpcinv.model.assembly.tangent_moduli import Term
@@ -193,6 +194,44 @@ class System:
         self.supports.prescribe(rates)
         self.lift(b)
         self.set_load(load)
+
+    def lift_path_rates(self, b: PETSc.Vec, load: float) -> None:
+        """Lift as `lift` does for the rates of prescribed values along the path, at a load factor."""
+        self.supports.scale_rates(self.weak_form.parameters.load_rates(load))
+        self.lift(b)
+        self.supports.scale(load)
+
+    def lift_region(self, b: PETSc.Vec, number: int, rate: Callable[[Floats], Floats], load: float) -> None:
+        """Lift as `lift` does for rates (n, 3) at points of the region of one support, at a load factor."""
+        self.supports.prescribe_on(number, rate)
+        self.lift(b)
+        self.supports.scale(load)
+
+    def move_region(self, number: int, displacement: Callable[[Floats], Floats], load: float) -> None:
+        """Prescribe displacements (n, 3), scaled, at points of the region of one support, at a load factor."""
+        self.supports.move_region(number, displacement)
+        self.supports.scale(load)
+
+    def set_numbers(self, numbers: Iterable[tuple[int, str, float]]) -> None:
+        """Set uniform quantities of laws and effects: by their place in the weak form and name, scaled."""
+        for place, name, value in numbers:
+            self.weak_form.parameters.set_number(place, name, value)
+
+    def begin_contacts(self) -> None:
+        """Begin a solve that finds pressures of contacts by iteration."""
+        self.weak_form.contacts.begin()
+
+    def locate_contacts(self) -> None:
+        """Let contacts find what is nearest to the present state."""
+        self.weak_form.contacts.locate()
+
+    def update_contacts(self) -> bool:
+        """Update pressures of contacts, unless they have settled; return whether they had not."""
+        return self.weak_form.contacts.update()
+
+    def halve_contact_update(self) -> None:
+        """Take back half of the last update of contacts, after which no solution was found."""
+        self.weak_form.contacts.halve_update()
 
     def lift(self, b: PETSc.Vec) -> None:
         """Set ``b`` to the right-hand side of ``K x = b`` for the prescribed values, with the assembled K."""

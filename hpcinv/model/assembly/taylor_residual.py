@@ -90,13 +90,12 @@ class TaylorResidual:
         Where the coefficients of the unknowns take too much memory, `orders` are fewer.
 
         Args:
-            load: the present load factor.
+            load: the load factor that the weak form has.
         """
         comm = self._unknowns.mesh.comm
         vectors = _VECTORS * 8.0 * self._unknowns.state.x.petsc_vec.local_size
         self.order_bytes = comm.allreduce(vectors + sum(part.order_bytes for part in self._parts))
         self.orders = min(orders, max(math.floor(_SHARE * available(comm) / self.order_bytes), _LEAST))
-        self._parameters.set_load(load)
         self._rates = self._parameters.path_rates(load)
         loads = [float(self._parameters.constant.value[i]) for i in self._parameters.path_entries]
         for part in self._parts:

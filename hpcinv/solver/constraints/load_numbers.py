@@ -1,6 +1,6 @@
 """Unknown numbers of loads, such as pressures of cavities: the equilibrium is linear in them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +24,8 @@ class LoadEquation(Protocol):
     number: float
     unit: float
 
-    def put(self) -> None:
-        """Put the number into the weak form, whose forces are in proportion to its present load factor."""
+    def numbers(self) -> Iterable[tuple[int, str, float]]:
+        """Return the quantities that have the number at the present load factor, as `System.set_numbers` takes them."""
 
     def value(self, load: float) -> float:
         """Return C at the present state."""
@@ -50,7 +50,7 @@ class LoadNumbers[E: LoadEquation](Border):
 
     def put(self, load: float) -> None:
         for entry in self.loads:
-            entry.put()
+            self._system.set_numbers(entry.numbers())
 
     @property
     def units(self) -> Floats:
@@ -85,11 +85,11 @@ class LoadNumbers[E: LoadEquation](Border):
         for column, entry in zip(columns, self.loads, strict=True):
             number = entry.number
             entry.number = number + 1.0
-            entry.put()
+            self._system.set_numbers(entry.numbers())
             self._system.residual(column)
             column.axpy(-1.0, r)
             entry.number = number
-            entry.put()
+            self._system.set_numbers(entry.numbers())
 
     def linearise(self, load: float) -> Floats:
         load = load if self._first is None else 1.0

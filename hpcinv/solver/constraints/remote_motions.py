@@ -51,9 +51,7 @@ class RemoteMotion(Border):
         self._face.begin(np.array(spec.about) / scales.length)
 
     def put(self, load: float) -> None:
-        supports = self._system.supports
-        supports.move_region(self._number, partial(self._face.displacement, sign=self._sign))
-        supports.scale(load)
+        self._system.move_region(self._number, partial(self._face.displacement, sign=self._sign), load)
 
     def kept_numbers(self) -> tuple[Floats, Floats]:
         return self._face.turn, self._face.move
@@ -71,12 +69,10 @@ class RemoteMotion(Border):
         return self._wrench(self._nodal_forces(load)) - load * self._load
 
     def set_columns(self, columns: Sequence[PETSc.Vec], r: PETSc.Vec, load: float) -> None:
-        supports = self._system.supports
         for column, unit in zip(columns, np.eye(6), strict=True):
-            supports.prescribe_on(self._number, partial(self._face.rate, sign=self._sign, change=unit))
-            self._system.lift(column)
+            rate = partial(self._face.rate, sign=self._sign, change=unit)
+            self._system.lift_region(column, self._number, rate, load)
             column.scale(-1.0)
-        supports.scale(load)
 
     def linearise(self, load: float) -> Floats:
         by_numbers = np.zeros((6, 6))

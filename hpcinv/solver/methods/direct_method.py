@@ -78,8 +78,8 @@ class DirectMethod(Method):
 
     def _begin(self, start: Start) -> int:
         """Put the state with which the solves begin; return the number of load cases on the way from there."""
-        contacts, cases = self.equilibrium.system.weak_form.contacts, self.equations.job.case_count
-        contacts.begin()
+        cases = self.equations.job.case_count
+        self.equilibrium.system.begin_contacts()
         if start.origin is not None:
             self.equations.put_fields(start.origin)
             self.equilibrium.begin_path()
@@ -113,7 +113,7 @@ class DirectMethod(Method):
         system = self.equilibrium.system
         for _ in range(_MOST_UPDATES):
             system.set_load(1.0)
-            if not system.weak_form.contacts.update():
+            if not system.update_contacts():
                 self.reached_load = 1.0
                 return
             for _ in range(_MOST_HALVINGS + 1):
@@ -121,7 +121,7 @@ class DirectMethod(Method):
                 yield replace(solve, strategy=AUGMENTATION)
                 if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                     break
-                system.weak_form.contacts.halve_update()
+                system.halve_contact_update()
             if not solve.outcome.accepted:
                 return
         yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)

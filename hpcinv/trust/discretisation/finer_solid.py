@@ -74,8 +74,7 @@ class FinerSolid(FinerProblem):
                 body = given.body.true_geometry_body[0] or body
         finer = Equations(one_degree_more(solution.job), body, given.timings)
         finer.take_supports_as_checked()
-        contacts = finer.weak_form(solution.direction).contacts
-        contacts.restore(solution.contacts, finer.scales, partial(transfer_function, body.mesh))
+        finer.put_contacts(solution.direction, solution.contacts, partial(transfer_function, body.mesh))
         given.put(solution.moved_to(self.nodes))
         state = replace(finer.unloaded(nodes=self.nodes if body is given.body else None), load=solution.load)
         if (other := solution.given_displacement) is not None:
