@@ -87,16 +87,25 @@ def loaded(name: str, cells: int, directory: Path) -> Loaded:
     upper = np.flatnonzero(rest[:, 2] > HEIGHT + FLAT / 2)
     low = upper[np.argmin(np.linalg.norm(rest[upper] - [0, 0, HEIGHT], axis=1))]
     corner = upper[np.argmin(np.linalg.norm(rest[upper] - [SIDE, SIDE, HEIGHT], axis=1))]
-    middle = current[upper].mean(axis=0)
-    points = {node: (current[node] + 1e-6 * (middle - current[node])).tolist() for node in (low, corner)}
+    count = (cells + 1) ** 2
+
+    def at_node(formula: str, node: int) -> dict[str, Any]:
+        """Return a quantity at one node of the upper surface: the lower one may have another node there."""
+        x, y, _ = current[node].tolist()
+        return {
+            "of": f"{count}*({formula})*exp(-((x - {x} m)**2 + (y - {y} m)**2)/(1 mm)**2)",
+            "on": "bottom",
+            "reduce": "mean",
+        }
+
     back = {
         **job,
         "analysis": "inverse",
         "mesh": {"file": str(directory / "shape.msh")},
         "regions": {"all": "z > -1 m"},
         "quantities": [
-            {"name": "height", "of": f"{top} m - Z", "at": points[low]},
-            {"name": "half_width", "of": "X", "at": points[corner]},
+            {"name": "height", **at_node(f"{top} m - Z", low)},
+            {"name": "half_width", **at_node("X", corner)},
             {"name": "distance", "of": "norm(ux, uy, uz)", "on": "all", "reduce": "rms"},
         ],
     }

@@ -34,6 +34,7 @@ from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import LAWS, assumption
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
+from hpcinv.model.interfaces.node_gaps import NodeGaps
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
 from hpcinv.model.interfaces.segments import segments
 from hpcinv.model.spaces import Unknowns
@@ -302,22 +303,11 @@ class SurfacePair:
         unit[number] = 1.0
         return self._nodal_forces(unit)
 
-    def unloaded_gaps(self) -> tuple[Floats, Callable[[PETSc.Vec], Floats]]:
-        """Return the gaps of the unloaded bodies (scaled), and a function that gives their rates along unknowns.
-
-        Functions whose surfaces do not face each other there are left out.
-        """
+    def unloaded_gaps(self) -> NodeGaps:
+        """Return the gaps of the unloaded bodies of an inverse problem at the nodes of both surfaces."""
         unknowns = self._unknowns
         u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
-        jump = self._jump(self._body.mesh.geometry.x, -u)
-        faces, matrix = jump.areas > 0, jump.normal_matrix(self._owned, means=True)
-        left = matrix.createVecLeft()
-
-        def rates(direction: PETSc.Vec) -> Floats:
-            matrix.mult(direction, left)
-            return -np.concatenate(self._comm.allgather(np.array(left.array)))[faces]
-
-        return jump.gaps[faces], rates
+        return NodeGaps(*self._facets(self._body.mesh.geometry.x, -u), self._owned, self._comm)
 
     def with_pressures(self, report: ContactReport, pressures: Floats, scales: Scales) -> ContactReport:
         """Return a report with other pressures (scaled) of all functions."""

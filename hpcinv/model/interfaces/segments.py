@@ -18,7 +18,7 @@ from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.facets import FacetKind, Facets
 
-_OPPOSITE = -0.3
+OPPOSITE = -0.3
 """Cosine between outer normals of facets above which they do not face each other. Raised, edges of a surface meet
 facets round the corner; lowered, strongly curved surfaces lose segments."""
 _NEAR = 2.0
@@ -81,7 +81,7 @@ def segments(first: Facets, second: Facets, reach: float) -> Segments:
 
 def _segments(first: Facets, second: Facets, reach: float, chosen: Ints) -> Segments:
     i, j = _candidates(first, second, reach, chosen)
-    (origins, normals), tangents = first.middles[:, i], _tangents(first.middles[1][i])
+    (origins, normals), tangents = first.middles[:, i], tangents_of(first.middles[1][i])
     polygons, counts = _overlaps(first, second, i, j, origins, tangents)
     corners, areas = _triangles(polygons, counts)
     sizes = np.pi * first.radii[i] ** 2
@@ -93,8 +93,8 @@ def _segments(first: Facets, second: Facets, reach: float, chosen: Ints) -> Segm
     plane_weights = (2 * areas[kept][:, None] * weights).ravel()
     pair = np.repeat(pair, len(points))
     i, j, origins, normals, tangents = i[pair], j[pair], origins[pair], normals[pair], tangents[pair]
-    here, x, slopes, is_here = _inverse(first, i, origins, tangents, places)
-    there, y, _, is_there = _inverse(second, j, origins, tangents, places)
+    here, x, slopes, is_here = seen_points(first, i, origins, tangents, places)
+    there, y, _, is_there = seen_points(second, j, origins, tangents, places)
     area = np.cross(slopes[0], slopes[1]) * first.signs[i, None]
     size = np.linalg.norm(area, axis=1)
     outer = area / np.where(size > 0, size, 1.0)[:, None]
@@ -124,7 +124,7 @@ def _candidates(first: Facets, second: Facets, reach: float, chosen: Ints) -> tu
     lengths = np.array([len(near) for near in found], dtype=np.int64)
     i = np.repeat(chosen, lengths)
     j = np.concatenate([np.zeros(0, dtype=np.int64), *(np.asarray(near, dtype=np.int64) for near in found)])
-    faces = np.einsum("ni,ni->n", first.middles[1][i], second.middles[1][j]) < _OPPOSITE
+    faces = np.einsum("ni,ni->n", first.middles[1][i], second.middles[1][j]) < OPPOSITE
     arms = second.middles[0][j] - first.middles[0][i]
     depths = np.einsum("ni,ni->n", arms, first.middles[1][i])
     aside = np.sqrt(np.maximum((arms**2).sum(axis=1) - depths**2, 0.0))
@@ -134,7 +134,7 @@ def _candidates(first: Facets, second: Facets, reach: float, chosen: Ints) -> tu
     return i[kept], j[kept]
 
 
-def _tangents(normals: Floats) -> Floats:
+def tangents_of(normals: Floats) -> Floats:
     """Return two unit vectors in the plane of each normal, (n, 2, 3), right-handed with it."""
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     one = np.cross(normals, axis)
@@ -207,7 +207,7 @@ def _combined(values: Floats, nodes: Floats) -> Floats:
     return product
 
 
-def _inverse(
+def seen_points(
     facets: Facets, chosen: Ints, origins: Floats, tangents: Floats, places: Floats
 ) -> tuple[Floats, Floats, Floats, Booleans]:
     """Return the reference points of facets that are seen at places (n, 2) of planes, by Newton's method.

@@ -117,9 +117,8 @@ def settled_end(
 ) -> tuple[float, Floats, bool]:
     """Return the end of a quantity that is not linear: value, pressures, and whether it has settled.
 
-    It has settled where one more program would gain little, and the bodies do not overlap. After some programs each
-    one may change pressures by a multiple of the last change only, which falls where changes alternate: open surfaces
-    that begin to touch would do so for ever.
+    It has settled where one more program would gain little, and the bodies do not overlap. Where a solve gives much
+    less than its program promised, the next one may change pressures by half the last change only.
 
     Args:
         solve: returns for pressures the quantity, what is admissible near them, and the slopes of the quantity.
@@ -128,25 +127,27 @@ def settled_end(
         depth: overlap that is tolerated.
     """
     value, near, slopes = solve(start)
-    pressures, reach, before = start, np.inf, np.zeros_like(start)
+    pressures, reach = start, np.inf
     for count in range(_MOST + 1):
         following = choose(near, slopes, reach)
         step = following - pressures
-        if count and abs(float(slopes @ step)) <= tolerance and near.depth <= depth:
+        promised, before = float(slopes @ step), value
+        if count and abs(promised) <= tolerance and near.depth <= depth:
             return value, pressures, True
         if count == _MOST:
             break
-        if count >= _FREE:
-            alternates = float(step @ before) < 0
-            reach = (_SHORTER if alternates else _LONGER) * float(np.abs(step).max(initial=0.0))
-        pressures, before = following, step
+        pressures = following
         value, near, slopes = solve(pressures)
+        kept = (value - before) / promised if promised else 1.0
+        if kept < _POOR:
+            reach = min(reach, float(np.abs(step).max(initial=0.0))) / 2
+        elif kept > _GOOD:
+            reach *= 2
     return value, pressures, False
 
 
-_MOST = 20
+_MOST = 30
 """Programs in turn for one end; raised, ends that do not settle take longer."""
-_FREE = 3  # programs before changes are limited
-_SHORTER, _LONGER = 0.6, 2.0
-"""Multiples of the last change to which the next one is limited where changes alternate, and elsewhere. The first one
-raised, ends alternate; lowered, they stop too early."""
+_POOR, _GOOD = 0.5, 0.9
+"""Shares of a promised change below which the next changes are halved, and above which they may double. Raised, ends
+take more solves; lowered, programs jump to and fro across an end between corners."""

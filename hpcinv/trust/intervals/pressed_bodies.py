@@ -177,7 +177,7 @@ class PressedBodies:
                 b.array[:] = pair.unit_forces(int(number))
                 equations.supports.free(b.array)
                 found = numbers.solve(b, np.zeros(numbers.count), x)
-                columns.append(np.concatenate([rates(x) for _, rates in measured]))
+                columns.append(-np.concatenate([gaps.rates(x) for gaps in measured]))
                 system.set_state(x)
                 u, p = equations.state().fields
                 system.set_state(position)
@@ -187,8 +187,11 @@ class PressedBodies:
         numbers.destroy()
         for vector in (position, b, x):
             vector.destroy()
-        self._gap_counts = [len(gaps) for gaps, _ in measured]
-        return self._admissible(pressures, [gaps for gaps, _ in measured], np.array(columns).T), changes
+        found_gaps = [gaps.gaps for gaps in measured]
+        for gaps in measured:
+            gaps.destroy()
+        self._gap_counts = [len(gaps) for gaps in found_gaps]
+        return self._admissible(pressures, found_gaps, np.array(columns).T), changes
 
     def _admissible(self, pressures: Floats, gaps: Sequence[Floats], compliance: Floats) -> AdmissiblePressures:
         scales, numbers = self._scales, [len(pair.pressing) for pair in self._pairs]
