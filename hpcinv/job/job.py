@@ -44,6 +44,7 @@ from hpcinv.base.quantity.schema import (
 )
 from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
 from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.base.updates import UPDATES
 from hpcinv.errors import JobError
 from hpcinv.job import region_references, rules
 from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
@@ -145,7 +146,7 @@ class Job(Spec):
     """finite-element spaces"""
     solver: Solver = Solver()
     """continuation and Newton iteration"""
-    method: Literal["direct", "sellier", "aitken", "anderson", "rausch"] = "direct"
+    method: Literal["direct", *UPDATES] = "direct"  # type: ignore[valid-type]
     """direct: one solve on the deformed body; the others find the undeformed body by repeated forward solves"""
     fixed_point: FixedPoint = FixedPoint()
     """iteration of the methods other than direct"""

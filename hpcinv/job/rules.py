@@ -6,6 +6,7 @@ from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.quantity import positive
 from hpcinv.base.quantity.schema import Faults, KeyPath, collected, dotted_key, raise_if_any, repeated, shown
 from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.updates import UPDATES
 from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
 from hpcinv.job.settings import Discretisation, FixedPoint, Output
 from hpcinv.job.state_differences import parts
@@ -168,7 +169,7 @@ def contradicting_directions(
         yield ("first",), "is valid only with 'analysis: round_trip'"
     if method == "direct":
         if fixed_point.model_fields_set:
-            yield ("fixed_point",), "is not valid with 'method: direct'; choose sellier, aitken, anderson or rausch"
+            yield ("fixed_point",), f"is not valid with 'method: direct'; choose {', '.join(UPDATES)}"
     elif any(state.given and state.is_rest for state in states):
         text = "is not valid if the given state is the rest shape: the others are solved from it directly"
         yield ("method",), text

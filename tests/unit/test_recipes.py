@@ -99,6 +99,20 @@ def test_a_quantity(summary: dict[str, Any], generated: Path) -> None:
     assert "`mises_plane`" in (generated / "functions.md").read_text()
 
 
+METHOD = """
+from hpcinv.base.updates import UPDATES
+from hpcinv.job.job import Job
+
+rule = UPDATES["harmonic"](1.0, 0, lambda a, b: a * b)
+print(rule.step(0.0, 8.0), rule.step(0.0, 8.0), "harmonic" in str(Job.model_json_schema()["properties"]["method"]))
+"""
+
+
+def test_a_method(copy: Path) -> None:
+    done = typed(copy, "-c", METHOD)
+    assert (done.returncode, done.stdout) == (0, "-8.0 -4.0 True\n"), done.stderr
+
+
 def test_a_command(copy: Path, generated: Path) -> None:
     done = typed(copy, "-m", "hpcinv", "gravity", "moon")
     assert (done.returncode, done.stdout) == (0, "1.62\n")

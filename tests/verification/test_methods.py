@@ -19,6 +19,7 @@ from helpers.verification import box, job
 import hpcinv
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.updates import UPDATES
 from hpcinv.errors import Interrupted, SolveError
 from hpcinv.job.job import Job
 from hpcinv.mesh import build_body
@@ -26,7 +27,6 @@ from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.fixed_point import FixedPointMethod
-from hpcinv.solver.methods.updates import UPDATES
 
 type Map = Callable[[np.ndarray], np.ndarray]
 

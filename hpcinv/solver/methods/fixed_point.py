@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.updates import UPDATES
 from hpcinv.job.settings import FixedPoint as FixedPointSettings
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import diagonal
@@ -23,7 +24,6 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium_path import EquilibriumPath, Solves
 from hpcinv.solver.methods.method import UNLOADED, Method, Start
-from hpcinv.solver.methods.updates import UPDATES
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import SILENT, Observer
 

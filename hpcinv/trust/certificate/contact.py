@@ -9,10 +9,10 @@ import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.units import readable
+from hpcinv.base.updates import Anderson
 from hpcinv.model.assembly.system import System
 from hpcinv.model.contacts import ContactReport, PenaltyDirection
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.solver.methods.updates import Anderson
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic, upper_bound_line
 from hpcinv.trust.stability.forward_factors import TangentSolver

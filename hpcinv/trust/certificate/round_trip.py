@@ -25,6 +25,7 @@ from dolfinx import la
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.units import readable
+from hpcinv.base.updates import Anderson
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.quadrature_values import CellMeans
@@ -34,7 +35,6 @@ from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods import solve_direction
 from hpcinv.solver.methods.method import UNLOADED
-from hpcinv.solver.methods.updates import Anderson
 from hpcinv.solver.observer import SILENT, IterationObserver, Observer, stop_if_asked
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic, upper_bound_line

@@ -1,12 +1,18 @@
-"""Update rules of the fixed-point method: the part in which plain, relaxed and accelerated methods differ."""
+"""Update rules of the fixed-point method: the part in which plain, relaxed and accelerated methods differ.
+
+Jobs have their names, so no module is imported here that a check of a job does not need.
+"""
+
+from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from math import sqrt
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from hpcinv.mesh.source import Floats
+if TYPE_CHECKING:
+    from hpcinv.base.quantity.arrays import Floats
 
 
 class Update(ABC):
@@ -124,4 +130,5 @@ class Anderson(Update):
         return sqrt(self.inner(a, a))
 
 
-UPDATES: dict[str, type[Update]] = {name: rule for rule in (Sellier, Aitken, Anderson) for name in rule.names}
+UPDATES: dict[str, type[Update]] = {name: rule for rule in Update.__subclasses__() for name in rule.names}
+"""rules by the names that jobs have for them"""
