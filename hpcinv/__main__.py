@@ -36,6 +36,7 @@ COMMANDS = {
     "report": "report",
     "dossier": "dossier",
     "export": "export",
+    "second-opinion": "second_opinion",
     "laws": "laws",
     "effects": "laws",
     "formulas": "laws",

@@ -1,4 +1,4 @@
-"""``hpcinv export``: the shape of a run as a closed surface, with a mould of it, or as a mesh for other programs."""
+"""``hpcinv export``: the shape of a run as a closed surface with a mould of it, as a mesh, or as a whole deck."""
 
 from __future__ import annotations
 
@@ -27,22 +27,29 @@ def add_export(commands: Any) -> None:
     export = add_command(
         commands,
         "export",
-        "Write the shape of a finished run as STL, PLY, 3MF or faceted STEP with a mould of it, or as a mesh.",
+        "Write the shape of a finished run as STL, PLY, 3MF, faceted STEP, mesh or deck, with a mould of it.",
         examples=(
             "hpcinv export results/pdms-beam --to beam.stl\n"
             "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
             "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z\n"
-            "hpcinv export results/pdms-beam --to beam.inp"
+            "hpcinv export results/pdms-beam --to beam.inp\n"
+            "hpcinv export results/pdms-beam --deck beam.inp --unit mm"
         ),
         page="how-to/export.md",
     )
     export.add_argument("run", type=Path, help="directory of the run")
-    export.add_argument(
+    what = export.add_mutually_exclusive_group(required=True)
+    what.add_argument(
         "--to",
         type=Path,
-        required=True,
         metavar="FILE",
         help="surface to write or replace (.stl, .ply, .3mf, .step), or mesh of solid cells (.vtu, .inp, .pts, …)",
+    )
+    what.add_argument(
+        "--deck",
+        type=Path,
+        metavar="FILE",
+        help="whole deck of CalculiX or Abaqus (.inp): rest shape, laws, supports, loads; NAME-expected.csv beside it",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
@@ -84,6 +91,8 @@ def _export(options: argparse.Namespace) -> int:
     refit = _refit_distance(options)
     plane = _plane(options, unit)
     check_one_process("export")
+    if options.deck is not None:
+        return _export_deck(options, unit)
     if suffix_of(options.to) in MESHES:
         return _export_cells(options, unit)
     if suffix_of(options.to) == ".pts":
@@ -117,6 +126,22 @@ def _export(options: argparse.Namespace) -> int:
     _warn(options, part, split)
     _warn_of_pieces(dict(zip(halves, moulds.blocks, strict=True)), cores)
     _warn_of_nodes(options, source)
+    return 0
+
+
+def _export_deck(options: argparse.Namespace, unit: float) -> int:
+    """Write what another program needs to load the rest shape."""
+    from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
+    from hpcinv.studies.second_opinion.loaded_body import loaded_body
+
+    if suffix_of(options.deck) != ".inp":
+        raise OutputError(f"--deck {options.deck}: is not a deck of CalculiX or Abaqus; its name must end with .inp")
+    body = loaded_body(options.run)
+    deck = write_deck(options.deck, body, unit)
+    print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in N and {options.unit}")
+    print(f"{expected_path(options.deck)}: where the program should find them")
+    for note in body.notes:
+        print(f"note: {note}")
     return 0
 
 

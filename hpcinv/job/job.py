@@ -544,24 +544,6 @@ class Job(Spec):
         ruled = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
         yield from ((("fibres", name, "given_on"), text) for name, family in ruled if family.given_on != mesh)
 
-    def with_sections(self, sections: Mapping[str, Any], info: ValidationInfo) -> Self | None:
-        """Copy of a job that `parse` left in `SECTIONS` with other sections, or ``None`` if it has faults.
-
-        Args:
-            sections: by name, each without faults by itself.
-        """
-        job = self.model_copy(update=dict(sections))._completed(info)
-        return job if next(job._contradictions(info), None) is None else None
-
-    def keep_source(self, path: Path, data: Mapping[str, Any], *, untrusted: bool) -> None:
-        """Remember from where the job was read, and check the names of regions against its mesh file.
-
-        Raises:
-            JobError: neither the job nor its mesh has a region.
-        """
-        self._path, self._data, self._untrusted = path, data, untrusted
-        _check_regions(self)
-
     def _unsuited_loading(self) -> Faults:
         """Faults of laws, effects and supports that other sections do not allow."""
         for where, law in self.laws.items():
@@ -641,8 +623,28 @@ def parse(
         if (fault := fault_of_plugin(error)) is None:
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
-    job.keep_source(path, data, untrusted=untrusted)
+    keep_source(job, path, data, untrusted=untrusted)
     return job
+
+
+def with_sections(job: Job, sections: Mapping[str, Any], info: ValidationInfo) -> Job | None:
+    """Return a job that `parse` left in `SECTIONS` with other sections, or ``None`` if it has faults.
+
+    Args:
+        sections: by name, each without faults by itself.
+    """
+    changed = job.model_copy(update=dict(sections))._completed(info)
+    return changed if next(changed._contradictions(info), None) is None else None
+
+
+def keep_source(job: Job, path: Path, data: Mapping[str, Any], *, untrusted: bool) -> None:
+    """Let a job remember from where it was read, and check the names of regions against its mesh file.
+
+    Raises:
+        JobError: neither the job nor its mesh has a region.
+    """
+    job._path, job._data, job._untrusted = path, data, untrusted
+    _check_regions(job)
 
 
 def _check_regions(job: Job, groups: Groups | None = None) -> None:

@@ -9,12 +9,12 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationInfo
 
 from hpcinv.base.quantity.schema import Spec
 from hpcinv.errors import JobError
-from hpcinv.job.job import SECTIONS, Job, parse
+from hpcinv.job.job import SECTIONS, Job, keep_source, parse, with_sections
 from hpcinv.job.preamble import Preamble
 
 
 class _Context(NamedTuple):
-    """What `Job.with_sections` takes of a validation."""
+    """What `with_sections` takes of a validation."""
 
     context: dict[str, Any]
 
@@ -65,9 +65,9 @@ class JobVariants:
         info = _Context({**template.context})
         try:
             read = {key: _reader(key).validate_python(content[key], context=info.context) for key in changed}
-            job = template.sections.with_sections(read, cast(ValidationInfo, info))
+            job = with_sections(template.sections, read, cast(ValidationInfo, info))
             if job is not None:
-                job.keep_source(self.path, content, untrusted=self.untrusted)
+                keep_source(job, self.path, content, untrusted=self.untrusted)
         except (ValueError, JobError):
             return None
         return job

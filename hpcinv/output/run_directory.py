@@ -26,6 +26,7 @@ from hpcinv.job.yaml_reader import read_yaml
 _JOB, _ORIGIN, _LOG, _SUMMARY = "job.yaml", "origin.json", "run.log", "summary.json"
 _CONTENT = (  # in the order in which it is removed: what is left after a kill never counts as a finished run
     *(_SUMMARY, _JOB, "checkpoints", "fields", "shape.*", "shape-*", "surface.npz", "interior.npz", "snapshots"),
+    "second-opinion",
     *("summary.*", _LOG, "report.html"),
     ".*.partial",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from hpcinv.base.reading.abaqus_keywords import Keyword, keywords_of_text
@@ -26,6 +26,8 @@ from hpcinv.formats.cards.card import (
 
 PROGRAM = "Abaqus"
 _PER_LINE = 8
+NO_TERM = 1e20
+"""``D`` of a term that is not there, in any unit of stress: CalculiX replaces a 0 by a number of its own"""
 _LAWS = ("HYPERELASTIC", "ANISOTROPIC HYPERELASTIC")
 _WITHOUT_EFFECT = {
     "DENSITY": "state a density where an effect needs it, such as gravity",
@@ -107,15 +109,20 @@ def _isotropic(keyword: Keyword) -> tuple[str, Counterpart]:
     if not order.isdecimal() or not 1 <= int(order) <= MOST_TERMS:
         raise CardError(f"{title}: N must be from 1 to {MOST_TERMS}, not {order!r}")
     count, convert = _POTENTIALS[names[0]]
-    return title, _with_note(convert(_constants(keyword, title, count(int(order))), int(order)))
+    constants = _constants(keyword, title, count(int(order)))
+    terms = {"YEOH": 3, "REDUCED POLYNOMIAL": int(order), "POLYNOMIAL": int(order), "OGDEN": int(order)}
+    volumetric = constants[-terms.get(names[0], 1) :]
+    law = convert([0.0 if c >= NO_TERM else c for c in constants], int(order))
+    return title, replace(law, notes=(*law.notes, *_notes(volumetric)))
 
 
-def _with_note(law: Counterpart) -> Counterpart:
-    """Return a law with a note on CalculiX, which has no incompressible one."""
-    if law.material.get("kappa") != "incompressible":
-        return law
-    text = "D is 0 or left out: incompressible, as in Abaqus; CalculiX takes D = 0.1/mu, which is kappa = 20 mu"
-    return replace(law, notes=(*law.notes, text))
+def _notes(compliances: Sequence[float]) -> Iterator[str]:
+    """Yield what CalculiX makes of compliances that are 0, which Abaqus takes as incompressible or as no term."""
+    first, *others = compliances
+    if first == 0:
+        yield "D is 0 or left out: incompressible, as in Abaqus; CalculiX takes D = 0.1/mu, which is kappa = 20 mu"
+    elif 0 in others:
+        yield f"D{others.index(0) + 2} is 0 or left out: no such term, as in Abaqus; CalculiX takes a number of its own"
 
 
 def _constants(keyword: Keyword, title: str, count: int) -> list[float]:
@@ -232,7 +239,13 @@ def _neo_hooke_card(values: Values) -> tuple[str, Sequence[float]]:
 def _ogden_card(values: Values) -> tuple[str, Sequence[float]]:
     pairs = [x for m, a in zip(values["mu"], values["alpha"], strict=True) for x in (m * a / 2, a)]
     order = len(pairs) // 2
-    return f"*HYPERELASTIC, OGDEN, N={order}", (*pairs, values.compliance(), *[0.0] * (order - 1))
+    return f"*HYPERELASTIC, OGDEN, N={order}", (*pairs, *_compliances(values, order))
+
+
+def _compliances(values: Values, count: int) -> Sequence[float]:
+    """Return ``D1`` and higher ones, whose terms are not there."""
+    first = values.compliance()
+    return first, *[NO_TERM if first else 0.0] * (count - 1)
 
 
 def _fibre_card(values: Values) -> tuple[str, Sequence[float]]:
@@ -247,7 +260,7 @@ _CARDS: Mapping[str, Callable[[Values], tuple[str, Sequence[float]]]] = {
     "neo-hookean": _neo_hooke_card,
     "isochoric-neo-hookean": _neo_hooke_card,
     "mooney-rivlin": lambda v: ("*HYPERELASTIC, MOONEY-RIVLIN", (v["c1"], v["c2"], v.compliance())),
-    "yeoh": lambda v: ("*HYPERELASTIC, YEOH", (v["c1"], v["c2"], v["c3"], v.compliance(), 0.0, 0.0)),
+    "yeoh": lambda v: ("*HYPERELASTIC, YEOH", (v["c1"], v["c2"], v["c3"], *_compliances(v, 3))),
     "ogden": _ogden_card,
     "arruda-boyce": lambda v: ("*HYPERELASTIC, ARRUDA-BOYCE", (v["mu"], v["lambda_m"], v.compliance("simo-taylor"))),
     "holzapfel-gasser-ogden": _fibre_card,

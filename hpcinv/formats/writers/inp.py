@@ -19,8 +19,15 @@ _NAMES = {
 }
 _COMPLETE = "C3D27"
 _SHELLS = {("triangle", 1): "S3", ("triangle", 2): "S6", ("quadrilateral", 1): "S4", ("quadrilateral", 2): "S8R"}
+_FIELD = 20
 _PER_LINE = 16
 """numbers in a line of a set, the most that Abaqus reads"""
+
+
+def number(value: float) -> str:
+    """Return a number in at most 20 characters, the field that CalculiX reads: all digits, or the first 14."""
+    text = repr(value)
+    return text if len(text) <= _FIELD else f"{value:.13e}"
 
 
 def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
@@ -42,8 +49,8 @@ def save_inp(path: Path, source: MeshSource, points: Floats) -> None:
     with path.open("w", encoding="utf-8") as file:
         file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
         file.writelines(
-            f"{tag}, {x!r}, {y!r}, {z!r}\n"
-            for tag, (x, y, z) in zip(tags[used].tolist(), points[used].tolist(), strict=True)
+            f"{tag}, {', '.join(map(number, point))}\n"
+            for tag, point in zip(tags[used].tolist(), points[used].tolist(), strict=True)
         )
         name = _COMPLETE if elements.shape[1] == 27 else _NAMES[source.kind, source.degree]
         file.write(f"*ELEMENT, TYPE={name}\n")
@@ -76,7 +83,7 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
     with path.open("w", encoding="utf-8") as file:
         file.write("*HEADING\nWritten by hpcinv\n*NODE\n")
         rows = zip(tags[used].tolist(), points[used].tolist(), strict=True)
-        file.writelines(f"{tag}, {x!r}, {y!r}, {z!r}\n" for tag, (x, y, z) in rows)
+        file.writelines(f"{tag}, {', '.join(map(number, point))}\n" for tag, point in rows)
         elements = list[tuple[int, str, list[int]]]()
         for part, nodes in zip(parts, cells, strict=True):
             kinds = [_SHELLS[part.kind, part.degree]] * len(nodes)
@@ -90,7 +97,9 @@ def _save_surface(path: Path, source: MeshSource, points: Floats) -> None:
         if (thickness := source.data.get("thickness")) is not None:
             file.write("*NODAL THICKNESS\n")
             values = thickness.values[used, 0] / (source.unit or 1.0)
-            file.writelines(f"{tag}, {t!r}\n" for tag, t in zip(tags[used].tolist(), values.tolist(), strict=True))
+            file.writelines(
+                f"{tag}, {number(t)}\n" for tag, t in zip(tags[used].tolist(), values.tolist(), strict=True)
+            )
 
 
 def _nodes_of_shells(part: MeshSource) -> Ints:

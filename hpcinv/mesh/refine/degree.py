@@ -1,6 +1,7 @@
 """Conversion of the geometry of a mesh between degree 1 and degree 2 with straight edges."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -115,16 +116,23 @@ def mapped(source: MeshSource, values: Floats, cell: Ints, reference_points: Flo
     return result
 
 
+def centre_weights(kind: str) -> Iterator[tuple[int, Floats]]:
+    """Yield the nodes of degree 2 in faces and cells, and the shape functions (k,) there of 8 or 20 nodes on edges."""
+    element = scalar_element(kind, 2)
+    for dim in range(2, len(element.entity_dofs)):
+        for dofs, closure in zip(element.entity_dofs[dim], element.entity_closure_dofs[dim], strict=True):
+            weights = np.zeros(element.dim)
+            for inner, weight in ((0, -1 / 4), (1, 1 / 2 if dim == 2 else 1 / 4)):
+                weights[[node for node in closure if node in set(inner_dofs(kind, inner))]] = weight
+            for dof in dofs:
+                yield dof, weights
+
+
 def serendipity(kind: str, cells: Ints, points: Floats) -> Floats:
     """Return points (n, 3) of cells of degree 2 whose nodes in faces and cells follow from those on their edges."""
     result = np.array(points)
-    element = scalar_element(kind, 2)
-    for dim in (2, 3):
-        for dofs, closure in zip(element.entity_dofs[dim], element.entity_closure_dofs[dim], strict=True):
-            corners, edges = ([n for n in closure if n in set(inner_dofs(kind, d))] for d in (0, 1))
-            for dof in dofs:  # weights of the polynomials of an element with 8 or 20 nodes in its middle
-                result[cells[:, dof]] = points[cells[:, edges]].sum(axis=1) / (2 if dim == 2 else 4)
-                result[cells[:, dof]] -= points[cells[:, corners]].sum(axis=1) / 4
+    for dof, weights in centre_weights(kind):
+        result[cells[:, dof]] = np.einsum("k,ckd->cd", weights, points[cells])
     return result
 
 

@@ -114,6 +114,22 @@ class Line:
         other = self.topic.remedy_if_undecided if self.verdict is Verdict.UNDECIDED else ""
         return other or self.topic.remedy
 
+    def as_data(self) -> dict[str, Any]:
+        """The line as JSON data."""
+        return {
+            "name": self.name,
+            "meaning": self.topic.meaning,
+            "value": self.value,
+            "unit": self.unit,
+            "rule": self.rule,
+            "verdict": self.verdict.value,
+            "note": self.note,
+            "remedy": self.remedy,
+            "seconds": self.seconds,
+            **({"state": self.state} if self.state else {}),
+            **({"interval": dict(self.interval)} if self.interval is not None else {}),
+        }
+
 
 def upper_bound_line(topic: Topic, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
     """Return the line of a value that should be small; a value that is not finite fails."""
@@ -161,20 +177,12 @@ class Certificate:
 
     def as_data(self) -> dict[str, Any]:
         """The certificate as JSON data."""
-        lines = [
-            {
-                "name": line.name,
-                "meaning": line.topic.meaning,
-                "value": line.value,
-                "unit": line.unit,
-                "rule": line.rule,
-                "verdict": line.verdict.value,
-                "note": line.note,
-                "remedy": line.remedy,
-                "seconds": line.seconds,
-            }
-            | ({"state": line.state} if line.state else {})
-            | ({"interval": dict(line.interval)} if line.interval is not None else {})
-            for line in self.lines
-        ]
-        return {"verdict": self.verdict.value, "lines": lines}
+        return {"verdict": self.verdict.value, "lines": [line.as_data() for line in self.lines]}
+
+
+def with_line(certificate: Mapping[str, Any], line: Line) -> dict[str, Any]:
+    """Return the data of a certificate with one more line, which replaces an earlier one of the same name."""
+    lines = [*(other for other in certificate["lines"] if other["name"] != line.name), line.as_data()]
+    known = {Verdict.named(entry["verdict"]) for entry in lines} - {Verdict.SKIPPED}
+    verdict = max(known, key=_SEVERITY.__getitem__, default=Verdict.SKIPPED)
+    return {**certificate, "verdict": verdict.value, "lines": lines}

@@ -1,0 +1,180 @@
+"""A run as another program must load it: rest shape, laws, what is held, loads, and the body that it should find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.quantity.spatial_fields import is_uniform
+from hpcinv.errors import OutputError
+from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape
+from hpcinv.job.body_kinds import SOLID
+from hpcinv.job.job import Job
+from hpcinv.job.sections import AXES, Support
+from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.physics.effects import Effect
+from hpcinv.physics.effects.gravity import Gravity
+from hpcinv.physics.effects.pressure import Pressure
+from hpcinv.physics.effects.traction import Traction
+from hpcinv.physics.materials import MaterialLaw
+from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
+
+
+@dataclass(frozen=True)
+class Held:
+    """Nodes (rows) whose displacement along an axis (0, 1, 2) is known, and its values (n,), m."""
+
+    place: str
+    nodes: Ints
+    axis: int
+    values: Floats
+
+
+@dataclass(kw_only=True)
+class LoadedBody:
+    """What another program loads.
+
+    Attributes:
+        name: of the job.
+        rest: mesh of the rest shape, m.
+        loaded: where its nodes should be (n, 3), m.
+        laws: by region; the name of one for the whole body is empty.
+        forces: of dead loads at the nodes (n, 3), N.
+        held: known displacements.
+        pressures: follower pressures, Pa, by their facets.
+        density: of the rest body, kg/m³; 0 without weight.
+        acceleration: (3,), m/s².
+        notes: what a reader should know of how the job is said.
+    """
+
+    name: str
+    rest: MeshSource
+    loaded: Floats
+    laws: Mapping[str, MaterialLaw]
+    forces: Floats
+    held: list[Held] = field(default_factory=list)
+    pressures: list[tuple[Group, float]] = field(default_factory=list)
+    density: float = 0.0
+    acceleration: Floats = field(default_factory=lambda: np.zeros(3))
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def displacement(self) -> Floats:
+        """Displacement (n, 3) from the rest shape, m."""
+        return self.loaded - self.rest.points
+
+
+def loaded_body(run: Path) -> LoadedBody:
+    """Return the body of a finished run.
+
+    Raises:
+        OutputError: it is not finished, its files lack nodes of the computed body, or it has what no deck can say; with
+            a line for each part of the job.
+    """
+    job = RunDirectory(run).job(None)
+    _refuse(run, _kinds_without_deck(job))
+    rest, loaded = read_shape(run, UNDEFORMED), read_shape(run, DEFORMED)
+    if rest.degree < job.discretisation.displacement or max(left_out(run, rest), left_out(run, loaded)) > 0:
+        raise OutputError(
+            f"{run}: its files have fewer nodes than the computed body",
+            "Run it with 'mesh: {geometry_degree: 2}', or with 'discretisation: {displacement: 1}'.",
+        )
+    laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
+    body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
+    faults = [*_supports(body, job.supports), *add_loads(body, job.effects)]
+    _refuse(run, faults)
+    return body
+
+
+def _refuse(run: Path, faults: Iterable[str]) -> None:
+    if lines := list(faults):
+        text = "\n".join(f"  {line}" for line in lines)
+        raise OutputError(f"{run}: a deck cannot say:\n{text}", "Solve a job without it, and export that.")
+
+
+def _kinds_without_deck(job: Job) -> Iterator[str]:
+    """Yield what is not written for any program yet."""
+    if job.states:
+        yield "states: a deck has one state"
+    if job.mesh.kind is not SOLID:
+        yield f"mesh.{job.mesh.kind.name}: only solids are written"
+    for section in ("cavities", "interfaces", "accuracy"):
+        if getattr(job, section):
+            yield f"{section}: not written"
+
+
+def group_of(mesh: MeshSource, region: str, dim: int = 2) -> Group:
+    """Return a region of facets, or of cells (``dim`` 3).
+
+    Raises:
+        OutputError: the mesh file has none of this name.
+    """
+    for group in mesh.groups:
+        if (group.name, group.dim) == (region, dim):
+            return group
+    raise OutputError(
+        f"{mesh.path}: has no region '{region}'", "Regions that a job defines by conditions are not in the file."
+    )
+
+
+def _supports(body: LoadedBody, supports: Iterable[Support]) -> Iterator[str]:
+    """Add what supports hold, with the displacement that the run found there; yield what cannot be said."""
+    for number, support in enumerate(supports):
+        place = f"supports[{number}]"
+        if support.slides:
+            yield f"{place}: 'fix: [normal]' holds a direction that is not an axis"
+        elif support.remote is not None:
+            yield f"{place}: 'remote' is a force on a rigid region"
+        else:
+            nodes = np.unique(body.rest.facets[group_of(body.rest, support.region).members])
+            for axis in sorted(AXES.index(axis) for axis in support.held):
+                values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
+                body.held.append(Held(place, nodes, axis, values))
+
+
+def add_loads(body: LoadedBody, effects: Iterable[Effect]) -> Iterator[str]:
+    """Add loads; yield those that cannot be said."""
+    for number, effect in enumerate(effects):
+        place, write = f"effects[{number}]", WRITERS.get(type(effect))
+        if write is None:
+            yield f"{place}: '{effect.effect}' has no counterpart"  # type: ignore[attr-defined]
+        elif not all(is_uniform(value) for value, _ in effect.quantities().values()) or effect.is_unknown:
+            yield f"{place}: '{effect.effect}' has a number that varies, or that the run found"  # type: ignore[attr-defined]
+        else:
+            write(body, effect, place)
+
+
+def _add_pressure(body: LoadedBody, effect: Any, place: str) -> None:
+    body.pressures.append((group_of(body.rest, effect.region), float(effect.pressure)))
+
+
+def _add_traction(body: LoadedBody, effect: Any, place: str) -> None:
+    facets = body.rest.facets[group_of(body.rest, effect.region).members]
+    points = body.rest.points if effect.area_in == "reference" else body.loaded
+    body.forces += facet_forces(body.rest, points, facets, np.array(effect.traction, dtype=np.float64))
+    if effect.area_in == "current":
+        body.notes.append(f"{place}: forces at the nodes, of the loaded area; they do not follow the deformation")
+
+
+def _add_gravity(body: LoadedBody, effect: Any, place: str) -> None:
+    acceleration = np.array(effect.acceleration, dtype=np.float64)
+    if effect.density_in == "reference":
+        if density := float(effect.density):
+            body.density = body.density or density  # a material has one
+            body.acceleration += density / body.density * acceleration
+    else:
+        body.forces += cell_forces(body.rest, body.loaded, float(effect.density) * acceleration)
+        body.notes.append(f"{place}: forces at the nodes, of the density in the loaded body")
+
+
+WRITERS: Mapping[type[Effect], Callable[[LoadedBody, Any, str], None]] = {
+    Pressure: _add_pressure,
+    Traction: _add_traction,
+    Gravity: _add_gravity,
+}
+"""What is written; every other effect is refused by its name."""

@@ -1,0 +1,186 @@
+"""How far the body of another program is from the given one, and how much of that its elements explain."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.files.directory_lock import check_unlocked
+from hpcinv.base.files.names import is_file
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.units import readable
+from hpcinv.errors import HpcinvError, OutputError
+from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
+from hpcinv.interface import run as run_job
+from hpcinv.job.job import Job, load
+from hpcinv.mesh.source import Floats
+from hpcinv.output.run_directory import RunDirectory
+from hpcinv.output.summary import write_on_this_rank
+from hpcinv.studies.second_opinion.calculix import PROGRAM, NoOpinion, command, displacements, version
+from hpcinv.studies.second_opinion.calculix_deck import write_deck
+from hpcinv.studies.second_opinion.loaded_body import loaded_body
+from hpcinv.trust.certificate import Line, Topic, Verdict
+from hpcinv.trust.certificate.check import with_line
+
+FOLDER = "second-opinion"
+"""directory in that of the run"""
+_AGREES, _AGREES_ROUGHLY = 1e-3, 1e-2
+"""Distances, relative to the largest displacement, up to which both programs agree: with the same elements, and where
+elements differ by what is not known. Raised, an error of a load is not seen; lowered, digits of CalculiX's file are."""
+TOPIC = Topic(
+    "second opinion",
+    "Whether another program loads the rest shape into the given body.",
+    "Compare loads, supports and law in the deck with the job's.",
+    "Read the last lines and the files of the other program.",
+)
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """What another program found.
+
+    Attributes:
+        program: name and version.
+        element: its type of element.
+        largest, rms: distance of its body from the given one at the nodes, m.
+        place: of the largest in the given body (3,), m.
+        displacement: largest, m.
+        by_elements: largest distance that its elements make, m; ``None`` if that is not known.
+        apart: largest distance of its body from ours with its elements, m; ``None`` if that is not known.
+        reason: why they are not known.
+        notes: how parts of the job are said in the deck.
+    """
+
+    program: str
+    element: str
+    largest: float
+    rms: float
+    place: tuple[float, float, float]
+    displacement: float
+    by_elements: float | None
+    apart: float | None
+    reason: str
+    notes: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether both agree; a distance does not say which of them is wrong."""
+        if self.apart is not None:
+            return Verdict.PASS if self.apart <= _AGREES * self.displacement else Verdict.WARN
+        return Verdict.PASS if self.largest <= _AGREES_ROUGHLY * self.displacement else Verdict.UNDECIDED
+
+    def lines(self) -> list[str]:
+        """Return sentences for the terminal, the certificate and reports."""
+        place, share = ", ".join(f"{c:.4g}" for c in self.place), self.largest / self.displacement
+        text = f"{self.program} loads the rest shape to within {readable(self.largest, 'm')} of the given body"
+        found = [f"{text} ({share:.2g} of the largest displacement), largest at ({place}) m"]
+        if self.by_elements is None:
+            found.append(f"how much its elements ({self.element}) explain is not known: {self.reason}")
+        elif self.by_elements:
+            apart = "" if self.apart is None else f"; with them we differ by {readable(self.apart, 'm')}"
+            found.append(f"its elements ({self.element}) explain {readable(self.by_elements, 'm')}{apart}")
+        else:
+            found.append(f"its elements ({self.element}) are ours")
+        return [*found, *self.notes]
+
+    def line(self) -> Line:
+        """Return the line of the certificate."""
+        rule = f"warning above {_AGREES:g} of the displacement with the same elements"
+        return Line(TOPIC, self.largest, "m", rule, self.verdict, "; ".join(self.lines()))
+
+
+def second_opinion(run: Path, program: str | None, limit: float) -> Opinion:
+    """Let CalculiX load the rest shape of a finished run, and add a line to its certificate.
+
+    Deck and files of the program stay in the directory `FOLDER` of the run.
+
+    Args:
+        program: its command; by default the installed one.
+        limit: seconds for it.
+
+    Raises:
+        OutputError: the run is not finished, or has what no deck can say.
+        NoOpinion: the program is missing or fails; the line then says that it is not decided.
+    """
+    check_unlocked(run)
+    body = loaded_body(run)
+    if any(law.is_incompressible for law in body.laws.values()):
+        raise OutputError(f"material: {PROGRAM} has no elements for incompressible bodies", "Give kappa a number.")
+    directory = run / FOLDER
+    try:
+        directory.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{directory}: cannot be made: {error.strerror}") from None
+    path = directory / f"{body.name}.inp"
+    deck = write_deck(path, body, 1.0)
+    try:
+        executable = command(program)
+        theirs = displacements(executable, path, deck.tags, limit)
+    except NoOpinion as error:
+        _record(run, Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message))
+        raise
+    expected = body.displacement[deck.nodes]
+    distances = np.linalg.norm(theirs - expected, axis=1)
+    worst = int(distances.argmax())
+    job = RunDirectory(run).job(None)
+    ours, reason = _with_their_elements(run, job, deck.element)
+    opinion = Opinion(
+        f"{PROGRAM} {version(executable)}".strip(),
+        deck.element,
+        float(distances[worst]),
+        float(np.sqrt((distances**2).mean())),
+        tuple(body.loaded[deck.nodes[worst]].tolist()),
+        float(np.linalg.norm(expected, axis=1).max()),
+        None if ours is None else _largest(ours[deck.nodes] - body.loaded[deck.nodes]),
+        None if ours is None else _largest(body.rest.points[deck.nodes] + theirs - ours[deck.nodes]),
+        reason,
+        tuple(body.notes),
+    )
+    _record(run, opinion.line())
+    return opinion
+
+
+def _largest(vectors: Floats) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
+
+
+def _with_their_elements(run: Path, job: Job, element: str) -> tuple[Floats | None, str]:
+    """Return the places (n, 3) to which we load the rest shape with the elements of CalculiX, or why that is not known.
+
+    Its elements are ours without the unknown pressure, but for hexahedra of degree 2.
+    """
+    if element == "C3D20":
+        return None, "ours have 27 nodes"
+    if not job.is_mixed:
+        return read_shape(run, DEFORMED).points, ""
+    rest = run / "shape.msh"
+    if job.directions[0] != "inverse" or not is_file(rest):
+        return None, "the run has no file shape.msh of the rest shape"
+    mesh = {"file": str(rest.absolute()), "geometry_degree": job.discretisation.displacement}
+    other: dict[str, Any] = {
+        **{key: value for key, value in job.data.items() if key not in ("first", "quantities", "expected_shape")},
+        "analysis": "forward",
+        "mesh": mesh,
+        "certificate": "off",
+        "output": {"mesh": ["msh"], "fields": False},
+        "discretisation": {"displacement": job.discretisation.displacement, "formulation": "displacement"},
+    }
+    with tempfile.TemporaryDirectory() as directory:
+        try:
+            run_job(
+                load(other, directory=job.resolve("")), MPI.COMM_SELF, directory=Path(directory) / "run", progress=False
+            )
+        except HpcinvError as error:
+            return None, error.message.splitlines()[0]
+        return read_shape(Path(directory) / "run", DEFORMED).points, ""
+
+
+def _record(run: Path, line: Line) -> None:
+    """Add a line to the certificate in the summary of a run."""
+    if (summary := RunDirectory(run).summary()) is not None:
+        content = {**summary, "certificate": with_line(summary["certificate"], line)}
+        write_on_this_rank(run, content, [form for form in ("h5", "json") if is_file(run / f"summary.{form}")])

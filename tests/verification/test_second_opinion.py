@@ -1,0 +1,195 @@
+"""CalculiX loads rest shapes of ours into the given bodies; decks say each part of a job or refuse it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.mesh_data_files import block
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.__main__ import main
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import OutputError
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
+from hpcinv.studies.second_opinion.calculix import NoOpinion
+from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
+from hpcinv.studies.second_opinion.loaded_body import WRITERS, LoadedBody, add_loads, loaded_body
+from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
+from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
+
+needs_calculix = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+SIZE = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 2}
+BODY: dict[str, Any] = {
+    "mesh": {"file": "../meshes/box.py", "parameters": SIZE},
+    "material": {"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e4},
+    "discretisation": {"displacement": 1, "formulation": "displacement"},
+    "effects": [
+        {"effect": "gravity", "acceleration": [1, 0, -2], "density": 1000},
+        {"effect": "pressure", "region": "x0", "pressure": 100},
+        {"effect": "traction", "region": "z1", "traction": [10, 50, 0], "area_in": "reference"},
+    ],
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
+    "output": {"mesh": ["msh"], "fields": False},
+}
+
+
+def solved(directory: Path, **data: Any) -> Path:
+    """Solve a job, and return the directory of its run."""
+    hpcinv.run(job(**BODY | data), MPI.COMM_SELF, directory=directory / "run", progress=False)
+    return directory / "run"
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return solved(tmp_path_factory.mktemp("first"))
+
+
+@pytest.fixture
+def plain_run(first_run: Path, tmp_path: Path) -> Path:
+    """A copy of the run of `BODY`."""
+    return Path(shutil.copytree(first_run, tmp_path / "run"))
+
+
+def written(path: Path, script: str) -> str:
+    """Write a program in place of CalculiX, and return its command."""
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def certificate(run: Path) -> list[tuple[str, str]]:
+    """Return names and verdicts of the lines."""
+    lines = json.loads((run / "summary.json").read_text())["certificate"]["lines"]
+    return [(line["name"], line["verdict"]) for line in lines]
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_nodal_forces_have_resultant_and_moment(hexahedra: bool, degree: int) -> None:
+    mesh = block(Path(__file__).parents[2] / "meshes", hexahedra, degree)
+    load = np.array([3.0, -1.0, 2.0])
+    size = np.ptp(mesh.points, axis=0)
+    [top] = [group for group in mesh.groups if group.name == "z1"]
+    forces = facet_forces(mesh, mesh.points, mesh.facets[top.members], load)
+    middle = mesh.points.min(axis=0) + size * [0.5, 0.5, 1.0]
+    assert forces.sum(axis=0) == pytest.approx(load * size[0] * size[1], rel=1e-12)
+    assert np.cross(mesh.points, forces).sum(axis=0) == pytest.approx(np.cross(middle, forces.sum(axis=0)), rel=1e-10)
+    weight = cell_forces(mesh, mesh.points, load)
+    middle = mesh.points.min(axis=0) + size / 2
+    assert weight.sum(axis=0) == pytest.approx(load * size.prod(), rel=1e-12)
+    assert np.cross(mesh.points, weight).sum(axis=0) == pytest.approx(np.cross(middle, weight.sum(axis=0)), rel=1e-10)
+
+
+def test_every_effect_is_written_or_refused_by_its_name() -> None:
+    mesh = block(Path(__file__).parents[2] / "meshes", False, 1)
+    for name, kind in effects().items():
+        body = LoadedBody(name="a", rest=mesh, loaded=mesh.points, laws={}, forces=np.zeros_like(mesh.points))
+        refused = list(add_loads(body, [kind.model_validate(kind.example)])) if kind not in WRITERS else []
+        assert kind in WRITERS or refused == [f"effects[0]: '{name}' has no counterpart"], name
+
+
+@needs_calculix
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_calculix_loads_the_rest_shape_into_the_given_body(hexahedra: bool, tmp_path: Path) -> None:
+    run = solved(tmp_path, mesh=BODY["mesh"] | {"parameters": SIZE | {"hexahedra": hexahedra}})
+    opinion = second_opinion(run, None, 60)
+    assert opinion.displacement > 0.005
+    assert opinion.largest < 1e-4 * opinion.displacement  # its file has 7 digits; residuals end at 1e-8
+    assert opinion.by_elements == 0.0
+    assert certificate(run)[-1] == ("second opinion", "pass")
+    assert main(["second-opinion", str(run)]) == 0
+    assert [name for name, _ in certificate(run)].count("second opinion") == 1
+
+
+@needs_calculix
+def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(tmp_path: Path) -> None:
+    spaces = {"displacement": 2, "formulation": "mixed"}
+    law = BODY["material"] | {"kappa": 1e6}
+    run = solved(tmp_path, mesh=BODY["mesh"] | {"geometry_degree": 2}, discretisation=spaces, material=law)
+    opinion = second_opinion(run, None, 120)
+    assert opinion.by_elements is not None
+    assert opinion.apart is not None
+    assert opinion.largest > 1e-2 * opinion.displacement
+    assert opinion.by_elements == pytest.approx(opinion.largest, rel=1e-2)
+    assert opinion.apart < 1e-4 * opinion.displacement
+
+
+@needs_calculix
+@pytest.mark.parametrize("law", ["yeoh", "ogden"])
+def test_terms_of_the_volume_that_a_law_has_not_are_not_added(law: str, tmp_path: Path) -> None:
+    cards = {
+        "yeoh": {"law": "yeoh", "c1": 5e3, "c2": -200.0, "c3": 100.0, "kappa": 4e4},
+        "ogden": {"law": "ogden", "mu": [6e3, 1e3], "alpha": [1.5, 4], "kappa": 4e4},
+    }
+    opinion = second_opinion(solved(tmp_path, material=cards[law]), None, 60)
+    assert opinion.largest < 1e-4 * opinion.displacement
+
+
+@needs_calculix
+def test_another_load_is_a_warning(plain_run: Path, tmp_path: Path) -> None:
+    heavier = written(tmp_path / "heavier", 'sed -i "s/GRAV, 2/GRAV, 3/" $1.inp; exec ccx "$@"')
+    assert second_opinion(plain_run, heavier, 60).verdict.value == "warning"
+    assert certificate(plain_run)[-1] == ("second opinion", "warning")
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("echo begun; sleep 60", "was stopped after 1 s; its last lines:\n  begun"),
+        ("echo 'no convergence'", "reached no load; its last lines:\n  no convergence"),
+        (
+            'printf "\\n displacements (vx,vy,vz) for set A and time  0.4E+00\\n\\n 1 0.0 0.0 0.0\\n" > $1.dat',
+            "ended at 0.4 of the load",
+        ),
+    ],
+)
+def test_a_program_that_fails_is_not_decided_and_its_words_are_shown(
+    script: str, message: str, plain_run: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(NoOpinion) as error:
+        second_opinion(plain_run, written(tmp_path / "program", script), 1)
+    assert message in str(error.value)
+    assert str(plain_run / FOLDER) in str(error.value)
+    assert certificate(plain_run)[-1] == ("second opinion", "not decided")
+
+
+def test_a_missing_program_is_one_message(plain_run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["second-opinion", str(plain_run), "--command", "no-such-program"]) == 5
+    assert "no-such-program: is not installed" in capsys.readouterr().err
+
+
+def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> None:
+    springs = {"effect": "elastic-foundation", "region": "x1", "normal": 1e3, "tangential": 0, "area_in": "reference"}
+    supports = [*BODY["supports"], {"region": "y0", "fix": ["normal"]}]
+    run = solved(tmp_path, effects=[*BODY["effects"], springs], supports=supports)
+    with pytest.raises(OutputError) as error:
+        loaded_body(run)
+    assert "supports[1]: 'fix: [normal]' holds a direction" in str(error.value)
+    assert "effects[3]: 'elastic-foundation' has no counterpart" in str(error.value)
+
+
+def test_a_deck_has_the_places_of_its_nodes_in_its_unit(plain_run: Path, tmp_path: Path) -> None:
+    assert main(["export", str(plain_run), "--deck", str(tmp_path / "part.inp"), "--unit", "cm"]) == 0
+    table = np.loadtxt(expected_path(tmp_path / "part.inp"), delimiter=",", skiprows=1)
+    body = loaded_body(plain_run)
+    assert table[:, 1:4] == pytest.approx(100 * body.rest.points, abs=1e-12)
+    assert table[:, 4:] == pytest.approx(100 * body.loaded, abs=1e-12)
+    text = (tmp_path / "part.inp").read_text()
+    assert "*DENSITY\n1e-05\n" in text  # N s²/cm⁴
+    assert all(len(word.strip()) <= 20 for line in text.splitlines() for word in line.split(",") if word[:1] != "*")
+
+
+def test_a_law_without_a_card_is_refused(plain_run: Path, tmp_path: Path) -> None:
+    law = laws()["neo-hookean"].model_validate({"law": "neo-hookean", "mu": 1e4, "lam": 4e4})
+    body = replace(loaded_body(plain_run), laws={"": law})
+    with pytest.raises(OutputError, match="law 'neo-hookean' has no counterpart in Abaqus"):
+        write_deck(tmp_path / "part.inp", body, 1.0)
+    assert not (tmp_path / "part.inp").exists()
