@@ -49,7 +49,7 @@ def add_export(commands: Any) -> None:
         "--deck",
         type=Path,
         metavar="FILE",
-        help="whole deck of CalculiX or Abaqus (.inp): rest shape, laws, supports, loads; NAME-expected.csv beside it",
+        help="whole deck of CalculiX or Abaqus (.inp): rest shape, laws, supports, loads; and NAME-expected.csv",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"

@@ -9,6 +9,7 @@ from helpers.verification import job
 
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job
+from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import reuse_group_of, structure_of
 
 SOFT, STIFF = ({"law": "isochoric-neo-hookean", "mu": mu, "kappa": "incompressible"} for mu in ("10 kPa", "30 kPa"))
@@ -64,23 +65,23 @@ def test_all_states_have_the_layers_of_each() -> None:
     states_job = layered(SOFT, states=states)
     assert classes(states_job) == [[None, {"core": 0, "elsewhere": 1}]]
     assert [solve.job.layerings for solve in states_job.plan] == 2 * [states_job.layerings]
-    assert len({structure_of(solve.job, str) for solve in layered(SOFT, states=states[:1]).plan}) == 1
+    assert len({structure_of(solve.job, SectionData(str)) for solve in layered(SOFT, states=states[:1]).plan}) == 1
 
 
 def test_jobs_with_other_layers_share_no_equations_and_no_checkpoints() -> None:
     equal, soft, stiff = (
         layered({"core": SOFT, "elsewhere": SOFT | {"mu": mu}}) for mu in ("10 kPa", "5 kPa", "20 kPa")
     )
-    groups = [reuse_group_of(variant, str) for variant in (equal, soft, stiff)]
+    groups = [reuse_group_of(variant, SectionData(str)) for variant in (equal, soft, stiff)]
     assert groups[0] != groups[1] == groups[2]
-    assert "layers" not in fingerprint(equal, str)["discretisation"]
-    assert fingerprint(soft, str)["discretisation"] != fingerprint(equal, str)["discretisation"]
+    assert "layers" not in fingerprint(equal, SectionData(str))["discretisation"]
+    assert fingerprint(soft, SectionData(str))["discretisation"] != fingerprint(equal, str)["discretisation"]
 
 
 def test_the_displacement_form_has_no_layers() -> None:
     compressible = {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"}
     displacement_job = layered({"core": compressible, "elsewhere": compressible | {"mu": "5 kPa"}})
-    assert "layers" not in fingerprint(displacement_job, str)["discretisation"]
+    assert "layers" not in fingerprint(displacement_job, SectionData(str))["discretisation"]
 
 
 def test_regions_with_numbers_that_vary_are_layers_though_they_are_equal_now() -> None:

@@ -59,7 +59,7 @@ def plain_run(first_run: Path, tmp_path: Path) -> Path:
 
 
 def written(path: Path, script: str) -> str:
-    """Write a program in place of CalculiX, and return its command."""
+    """Write a program that is called as CalculiX is, and return its command."""
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(0o755)
     return str(path)

@@ -26,7 +26,7 @@ CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"
 """sets of all cells and of all nodes"""
 _PER_LINE = 16
 _RESIDUAL = 1e-8
-"""Largest residual force, relative to the mean one, at which the program ends. Raised, its body differs by more."""
+"""Largest residual force, relative to the mean one. The program ends there. Raised, its body differs by more."""
 
 
 @dataclass(frozen=True)

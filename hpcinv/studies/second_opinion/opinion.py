@@ -27,7 +27,7 @@ from hpcinv.trust.certificate import Line, Topic, Verdict
 from hpcinv.trust.certificate.check import with_line
 
 FOLDER = "second-opinion"
-"""directory in that of the run"""
+"""directory in the run's"""
 _AGREES, _AGREES_ROUGHLY = 1e-3, 1e-2
 """Distances, relative to the largest displacement, up to which both programs agree: with the same elements, and where
 elements differ by what is not known. Raised, an error of a load is not seen; lowered, digits of CalculiX's file are."""
