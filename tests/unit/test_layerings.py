@@ -75,7 +75,9 @@ def test_jobs_with_other_layers_share_no_equations_and_no_checkpoints() -> None:
     groups = [reuse_group_of(variant, SectionData(str)) for variant in (equal, soft, stiff)]
     assert groups[0] != groups[1] == groups[2]
     assert "layers" not in fingerprint(equal, SectionData(str))["discretisation"]
-    assert fingerprint(soft, SectionData(str))["discretisation"] != fingerprint(equal, str)["discretisation"]
+    assert (
+        fingerprint(soft, SectionData(str))["discretisation"] != fingerprint(equal, SectionData(str))["discretisation"]
+    )
 
 
 def test_the_displacement_form_has_no_layers() -> None:
