@@ -73,6 +73,10 @@ def _iterated_contact(job: Any) -> Iterator[KeyPath]:
             yield from (("effects", i) for i, effect in enumerate(solve.job.effects) if effect.functions(1))
 
 
+def _friction(job: Any) -> Iterator[KeyPath]:
+    yield from (("interfaces", i, "friction") for i, interface in enumerate(job.interfaces) if interface.friction)
+
+
 def _rigid_contact(job: Any) -> Iterator[KeyPath]:
     if not have_derivatives(job.effects, job.states):
         yield ("effects",)
@@ -116,6 +120,7 @@ PARTS: Mapping[str, Part] = {
     "iterated contact": Part("contact by iteration", _iterated_contact),
     "rigid contact": Part("contact with a rigid obstacle", _rigid_contact),
     "interfaces": Part("`interfaces`", _key("interfaces")),
+    "friction": Part("`friction` of interfaces", _friction),
     "sliding supports": Part("supports that slide", _sliding_supports),
     "high degree": Part(
         "`displacement` above 2", _key("discretisation", "displacement", test=lambda degree: degree > 2)
@@ -124,6 +129,7 @@ PARTS: Mapping[str, Part] = {
     "other strategies": Part(
         "strategies `fixed` and `arc-length`", _key("solver", "strategy", test=lambda name: name != "adaptive")
     ),
+    "arc length": Part("`strategy: arc-length`", _key("solver", "strategy", test=lambda name: name == "arc-length")),
     "series": Part("`continuation: series`", _key("solver", "continuation", test=lambda name: name == "series")),
     "nested iteration": Part(
         "`nested_iteration: on`", _key("solver", "nested_iteration", test=lambda name: name == "on"), True
@@ -180,6 +186,9 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
         "accuracy": "are not possible with 'accuracy', whose estimate does not see them: choose the mesh",
         "sensitivities": "are not possible with 'sensitivities', which would leave them out",
         "identify": "are not possible with 'identify', which needs derivatives",
+    },
+    "friction": {
+        "arc length": "is not possible with 'strategy: arc-length', which may return to smaller loads: leave it out"
     },
     "motion": {"states": "is not possible with 'states': give formulas as 'displacement'"},
     "surface error": {"remote loads": _REMOTE, "shell": "is not valid with a shell"},

@@ -10,7 +10,9 @@ from hpcinv.base.quantity.quantity import Stress
 from hpcinv.base.quantity.schema import Faults, Spec
 
 type Kind = Literal["tied", "sliding", "contact"]
-type Closure = Literal["touching", "conforming", "gap", "given"]
+type Closure = Literal["touching", "conforming", "gap", "stick", "coulomb", "given"]
+_MOST_FRICTION = 2.0
+"""Largest coefficient of friction: dry rubber on rough ground. Raised, mistyped ones pass."""
 
 
 class Known(Spec):
@@ -38,11 +40,14 @@ class Interface(Spec):
     """two regions of the boundary; of 'contact', pressures are at the vertices of the first one"""
     kind: Kind
     """tied: the surfaces stick to each other for ever; sliding: they slide on each other without friction, and never
-    part; contact: they press on each other where they touch, without friction"""
+    part; contact: they press on each other where they touch, with 'friction' or without"""
+    friction: float = 0.0
+    """coefficient of Coulomb friction of 'contact': the tangential traction is at most this multiple of the pressure"""
     closure: Closure | None = None
     """assumption on the pressure of 'contact' on a given deformed shape, which does not determine it. touching: none;
     conforming: the unloaded bodies touch each other, too, where they press; gap: they are 'rest_gap' apart there;
-    given: the pressure of the forward solution, in a round trip that begins with it"""
+    stick: as conforming, and they did not slide; coulomb: as conforming, with friction that one load step brings;
+    given: the tractions of the forward solution, in a round trip that begins with it"""
     rest_gap: Length | None = None
     """gap of the unloaded bodies with 'closure: gap'"""
     touches_within: Length | None = None
@@ -54,6 +59,10 @@ class Interface(Spec):
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.between[0] == self.between[1]:
             yield ("between",), "names one region twice: name the two surfaces that face each other"
+        if self.friction and self.kind != "contact":
+            yield ("friction",), f"is not valid with 'kind: {self.kind}': give it to 'kind: contact'"
+        if not 0 <= self.friction <= _MOST_FRICTION:
+            yield ("friction",), f"must be from 0 to {_MOST_FRICTION:g}"
         if self.closure is not None and self.kind != "contact":
             yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
         if self.touches_within is not None and self.closure is None:
@@ -68,18 +77,22 @@ class Interface(Spec):
     @property
     def assumes_gap(self) -> bool:
         """True if the gap of the unloaded bodies determines the pressure on a given deformed shape."""
-        return self.closure in ("conforming", "gap")
+        return self.closure in ("conforming", "gap", "stick", "coulomb")
 
 
 def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str], uncertainty: str | None) -> Faults:
     """Yield the faults of interfaces, with their places in a job, for its directions and its key ``uncertainty``."""
     for i, interface in enumerate(interfaces):
         if interface.kind == "contact":
-            yield from (
-                (("interfaces", i, "closure"), text) for text in _fault_of_closure(interface.closure, directions)
-            )
+            faults = (*_fault_of_closure(interface.closure, directions), *_fault_of_friction(interface))
+            yield from ((("interfaces", i, "closure"), text) for text in faults)
         if interface.known.model_fields_set and not uncertainty:
             yield ("interfaces", i, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
+        if interface.friction and uncertainty:
+            yield (
+                ("interfaces", i, "friction"),
+                "is not possible with 'uncertainty: contact', which varies pressures only",
+            )
     if uncertainty and not any(interface.closure for interface in interfaces):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
 
@@ -91,7 +104,16 @@ def _fault_of_closure(closure: Closure | None, directions: Sequence[str]) -> Ite
     elif closure is None:
         yield (
             "is missing: a given deformed shape does not determine the pressure between its bodies, since their gap is"
-            " 0; assume 'touching', 'conforming' or 'gap', or 'given' after a forward solve"
+            " 0; assume 'touching', 'conforming' or 'gap', with friction 'stick' or 'coulomb', or 'given' after a"
+            " forward solve"
         )
     elif (closure == "given") != (directions[0] == "forward"):
         yield "must be 'given' in a round trip that begins with the forward solve, and only there"
+
+
+def _fault_of_friction(interface: Interface) -> Iterator[str]:
+    closure = interface.closure
+    if interface.friction and closure in ("conforming", "gap"):
+        yield f"'{closure}' assumes nothing about friction: use 'coulomb' or 'stick', or leave out 'friction'"
+    if not interface.friction and closure in ("stick", "coulomb"):
+        yield f"'{closure}' needs 'friction', the coefficient that its tractions are compared with"

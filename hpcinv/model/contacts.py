@@ -44,6 +44,36 @@ With the penalty of a solid, points of shells of 1/500 go in and out of contact,
 
 
 @dataclass(frozen=True)
+class FrictionReport:
+    """Friction of one interface.
+
+    Attributes:
+        coefficient: as given.
+        sliding_area: area that carries pressure and slides in the last load step, in m².
+        energy_lost: by sliding in all load steps, in J.
+        worst: number of the function whose traction exceeds friction most; largest, allowed: its traction, and what
+            friction allows there, in Pa.
+        tractions: components of the tangential traction on the first surface, in Pa.
+        slips: components of the slip of the second surface on the first in the last load step, in m.
+        state: 0 open, 1 sticks, 2 slides.
+    """
+
+    coefficient: float
+    sliding_area: float
+    energy_lost: float
+    worst: int
+    largest: float
+    allowed: float
+    tractions: tuple[fem.Function, ...]
+    slips: tuple[fem.Function, ...]
+    state: fem.Function
+
+    def as_data(self) -> dict[str, Any]:
+        """The report as JSON data."""
+        return {name: getattr(self, name) for name in ("coefficient", "sliding_area", "energy_lost")}
+
+
+@dataclass(frozen=True)
 class ContactReport:
     """Result of one contact.
 
@@ -59,6 +89,7 @@ class ContactReport:
         penalty: penalty in the last solve, in Pa/m; ``None`` without one, or if it varies.
         fields: contact pressure and, of a rigid obstacle, its multiplier ``q`` (both in Pa, linear between the
             vertices, 0 outside of the region).
+        friction: of an interface; ``None`` without it.
     """
 
     where: str
@@ -73,11 +104,22 @@ class ContactReport:
     is_given: bool
     penalty: float | None
     fields: tuple[fem.Function, ...]
+    friction: FrictionReport | None = None
+
+    @property
+    def fields_with_units(self) -> list[tuple[fem.Function, str]]:
+        """All fields, also of friction, with their units."""
+        found = [(field, "Pa") for field in self.fields]
+        if (friction := self.friction) is not None:
+            found += [(field, "Pa") for field in friction.tractions]
+            found += [*((field, "m") for field in friction.slips), (friction.state, "1")]
+        return found
 
     def as_data(self) -> dict[str, Any]:
         """The report as JSON data."""
+        rough = {} if self.friction is None else {"friction": self.friction.as_data()}
         names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance", "penalty")
-        return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names}
+        return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names} | rough
 
 
 class PenaltyDirection(Protocol):
@@ -130,6 +172,7 @@ class Contacts:
         pairs: as given.
         is_iterated: whether pressures or nearest points are found by iteration; has_obstacles: whether there are
             obstacles among these.
+        depends_on_path: whether tractions depend on the load steps before.
     """
 
     def __init__(
@@ -155,6 +198,7 @@ class Contacts:
         self.pairs = tuple(pairs)
         self._all: list[Any] = [*self._obstacles, *self.pairs]
         self._iterated = [contact for contact in self._all if contact.is_iterated]
+        self.depends_on_path = any(pair.depends_on_path for pair in self.pairs)
         self.is_iterated, self.has_obstacles = bool(self._iterated), any(c.is_iterated for c in self._obstacles)
 
     def passages(self, unknowns: Unknowns) -> Passages:
@@ -199,6 +243,18 @@ class Contacts:
         """Find the nearest points of triangulated surfaces to the present state."""
         for contact in self._all:
             contact.locate()
+
+    def begin_step(self, load: float) -> None:
+        """Let slip of interfaces begin with the last solution below a load factor."""
+        for pair in self.pairs:
+            if pair.depends_on_path:
+                pair.begin_step(load)
+
+    def end_step(self, load: float) -> None:
+        """Keep the present state, a solution at a load factor; slip of interfaces may begin there."""
+        for pair in self.pairs:
+            if pair.depends_on_path:
+                pair.end_step(load)
 
     def update(self) -> bool:
         """Update the contacts that have not settled; return whether there are any.

@@ -157,7 +157,7 @@ def _write_shape(
     if solution.state:  # the inverse solve finds the rest shape
         shape += f"-{job.rest if solution.direction == 'inverse' else solution.state}"
     with equations.timings("output"):
-        pressures = {field.name: field for contact in solution.contacts for field in contact.fields}
+        pressures = {f.name: f for contact in solution.contacts for f, _ in contact.fields_with_units}
         values = {name: geometry_node_values(equations.body, pressure) for name, pressure in pressures.items()}
         values |= face_arrays(equations.body, solution)
         arrays = {name: DataArray(name, "nodes", nodal) for name, nodal in values.items()}

@@ -198,7 +198,7 @@ class _Fields:
         if solution.pressure is not None:
             arrays.append(Array("pressure", self._mean_of_cells(solution.pressure), "Pa"))
         for contact in solution.contacts:
-            arrays.extend(Array(field.name, self._nodal(field), "Pa") for field in contact.fields)
+            arrays.extend(Array(field.name, self._nodal(field), unit) for field, unit in contact.fields_with_units)
         arrays.extend(Array(function.name, self._nodal(function)) for function in more)
         arrays.extend(self._smooth())
         return arrays

@@ -114,7 +114,8 @@ class Equations(DiscreteModel):
                 linear,
                 Predictor(system, linear),
                 limit=solver.maximum_iterations,
-                reuse=0.3 if solver.reuse_tangent else 0.0,
+                # Kept tangents would lose the pressure that friction needs.
+                reuse=0.0 if weak_form.contacts.depends_on_path or not solver.reuse_tangent else 0.3,
             )
         equilibrium.linear.options.restore()
         weak_form.passages.forget()

@@ -178,7 +178,7 @@ class Equilibrium:
         """
         system, linear, numbers = self.system, self.linear, numbers or self.numbers
         numbers.put(load)
-        system.locate_contacts()
+        system.begin_contact_step(load)
         if system.weak_form.passages.has_passed():  # an obstacle that moves
             return self._passed_through(load, predicted, numbers)
         monitor = self._monitor(tolerance, numbers, begins_near=begins_near and self.reuse > 0)
@@ -224,6 +224,7 @@ class Equilibrium:
             outcome = Outcome.PASSED_THROUGH
         if outcome.accepted:
             system.weak_form.passages.depart()
+            system.end_contact_step(now.load)
         if not outcome.accepted:
             system.set_state(accepted)
             numbers.restore(kept_numbers)

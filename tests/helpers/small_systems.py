@@ -61,7 +61,10 @@ class SmallSystem:
     def set_values(self, values: np.ndarray) -> None:
         self.x.array[:] = values
 
-    def locate_contacts(self) -> None:
+    def begin_contact_step(self, load: float) -> None:
+        pass
+
+    def end_contact_step(self, load: float) -> None:
         """Nothing is in contact."""
 
     def set_load(self, load: float) -> None:

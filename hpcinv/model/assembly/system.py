@@ -225,6 +225,15 @@ class System:
         """Let contacts find what is nearest to the present state."""
         self.weak_form.contacts.locate()
 
+    def begin_contact_step(self, load: float) -> None:
+        """Let contacts find what is nearest, and slip begin with the last solution below a load factor."""
+        self.weak_form.contacts.begin_step(load)
+        self.locate_contacts()
+
+    def end_contact_step(self, load: float) -> None:
+        """Keep the present state, a solution at a load factor; slip of contacts may begin there."""
+        self.weak_form.contacts.end_step(load)
+
     def update_contacts(self) -> bool:
         """Update pressures of contacts, unless they have settled; return whether they had not."""
         return self.weak_form.contacts.update()

@@ -65,6 +65,8 @@ _CLOSURES = {
     "touching": "touches without pressure",
     "conforming": "pressed where the unloaded bodies touch, too, on",
     "gap": "pressed where the unloaded bodies have a known gap to",
+    "stick": "pressed where the unloaded bodies touch, too, and stuck to",
+    "coulomb": "pressed where the unloaded bodies touch, too, with friction that one load step brings, on",
     "given": "pressed as in the forward solution on",
 }
 
@@ -79,4 +81,5 @@ def assumption(spec: Interface, sign: int) -> str:
     texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
     if sign < 0 and spec.closure is not None:
         return f"{_CLOSURES[spec.closure]} '{other}' (assumed: the shape does not determine the pressure)"
-    return texts.get(spec.kind, f"on '{other}', without friction")
+    rough = f"with friction {spec.friction:g}" if spec.friction else "without friction"
+    return texts.get(spec.kind, f"on '{other}', {rough}")

@@ -15,7 +15,6 @@ Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (19
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,17 +24,20 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.quantity.nondimensional import Scales
-from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.contacts import ContactReport
+from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
+from hpcinv.model.interfaces.friction import frictions_of
+from hpcinv.model.interfaces.interface_reports import InterfaceReports
 from hpcinv.model.interfaces.jump import Jump
-from hpcinv.model.interfaces.kinds import LAWS, assumption
+from hpcinv.model.interfaces.kinds import LAWS
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
 from hpcinv.model.interfaces.node_gaps import NodeGaps
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
+from hpcinv.model.interfaces.refused_surfaces import refuse_overlap, refuse_surfaces
 from hpcinv.model.interfaces.segments import segments
 from hpcinv.model.spaces import Unknowns
 
@@ -48,9 +50,6 @@ in and out of contact; raised, bodies that only touch press on each other."""
 _NEAR = 2.0**-8
 """Gap of a given deformed shape, in lengths of the body, up to which its bodies touch. Raised, they press on each other
 where they are apart; lowered, segmented surfaces do not touch."""
-_MEMORY = 12
-"""Updates whose differences accelerate the next one: nodes that supports hold leave multipliers that hardly move a gap,
-which would settle by a tenth in each update. Raised, rounding errors of small differences are added."""
 
 
 class SurfacePair:
@@ -66,6 +65,8 @@ class SurfacePair:
 
     Attributes:
         is_iterated: whether its tractions are found by iteration; else they are given.
+        depends_on_path: whether its tractions depend on the load steps before.
+        reports: makes reports of its solutions.
         version: number of the pattern of `stiffness`.
 
     Raises:
@@ -79,9 +80,10 @@ class SurfacePair:
     def __init__(
         self, where: str, label: str, spec: Interface, body: Body, unknowns: Unknowns, sign: int, modulus: float
     ) -> None:
-        self.where, self.spec, self._label, self._law = where, spec, label, LAWS[spec.kind]
+        self.where, self.spec, self._law = where, spec, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
+        self._updates = AcceleratedUpdates()
         first, second = (self._region(name) for name in spec.between)
         self._is_swapped = self._law.pulls and self._size(first) < self._size(second)
         if self._is_swapped:
@@ -91,17 +93,22 @@ class SurfacePair:
         corners = not self._law.has_vectors
         chosen = first.nodes[:, : first.kind.corner_count] if corners else first.nodes
         self._names: Ints = np.unique(np.concatenate(self._comm.allgather(np.unique(chosen))))
-        self._functions = NodalFunctions(self._names, body, unknowns, corners=corners)
+        functions = NodalFunctions(self._names, body, unknowns, corners=corners)
+        self.reports = InterfaceReports(where, label, spec, self._law, sign, functions)
+        self._frictions = frictions_of(spec, sign, self._names, self._owned, self._comm)
+        self.depends_on_path = sign > 0 and bool(self._frictions)
         self.update_modulus(modulus)
         self.reset()
         self._given, pressed = self._searched(body.given_nodes / body.length_scale, None)
         if not self._given.areas.any():
-            self._refuse(*self._facets(body.given_nodes / body.length_scale))
+            facing = self._facets(body.given_nodes / body.length_scale)
+            refuse_surfaces(where, spec, *facing, body.length_scale, self._comm)
         self._offsets: Floats = np.zeros(len(self._q))
         self._pressing: Booleans = np.zeros(0, dtype=np.bool_)
         self._force_jump = self._gap_jump = self._given
         self._place: tuple[Floats, Floats] | None = None
         self._set_jumps(self._given, self._given, pressed)
+        self._set_frictions(body.given_nodes / body.length_scale, None)
 
     def _region(self, name: str) -> RegionFacets:
         facets = self._body.boundary_facets(name, "An interface is between two regions of the boundary.")
@@ -137,23 +144,6 @@ class SurfacePair:
             return jump, None
         return jump, PressedSegments(self._names, first, second, found, self._owned, self._comm)
 
-    def _refuse(self, first: Facets, second: Facets) -> None:
-        """Raise an error about surfaces that are not near each other."""
-        (a, b), found = self.spec.between, segments(first, second, np.inf)
-        nearest = found.gaps[np.abs(found.gaps).argmin()] if len(found.gaps) else np.inf
-        gaps = np.array(self._comm.allgather(float(nearest)))
-        gap = float(gaps[np.abs(gaps).argmin()] * self._body.length_scale)
-        if not np.isfinite(gap):
-            raise MeshError(
-                f"{self.where}.between: '{a}' and '{b}' do not face each other",
-                "Name two surfaces whose outer normals point to each other.",
-            )
-        what = "apart" if gap > 0 else "into each other"
-        raise MeshError(
-            f"{self.where}.between: '{a}' and '{b}' are {abs(gap):.3g} m {what}: they cannot be {self.spec.kind}",
-            "Move the bodies together, or mesh them up to a common surface.",
-        )
-
     # Algebra of the multipliers; all ranks have all of them.
 
     def _set_jumps(self, forces: Jump, gaps: Jump, pressed: PressedSegments | None) -> None:
@@ -179,8 +169,21 @@ class SurfacePair:
         for name in ("_force_matrix", "_gap_matrix", "_left", "_right"):
             if name in vars(self):
                 getattr(self, name).destroy()
+        for friction in self._frictions:
+            friction.destroy()
         if "_pressed" in vars(self) and self._pressed is not None:
             self._pressed.destroy()
+
+    def _set_frictions(self, nodes: Floats, u: Floats | None) -> None:
+        penalties = self._penalties if self.is_iterated else np.zeros_like(self._penalties)
+        for friction in self._frictions:
+            friction.set_jump(self._force_jump, penalties, self._first.at(nodes, u), self._u)
+
+    @property
+    def _u(self) -> Floats:
+        """Present owned unknowns."""
+        owned: Floats = self._unknowns.state.x.array[: self._owned]
+        return owned
 
     def update_modulus(self, modulus: float) -> None:
         """Take another typical shear modulus (scaled)."""
@@ -222,13 +225,20 @@ class SurfacePair:
 
     def add_forces(self, forces: Floats) -> None:
         """Subtract the nodal forces of the tractions from residuals (owned unknowns at first)."""
-        self._add_transposed(-self._tractions()[0], forces)
+        tractions = self._tractions()[0]
+        self._add_transposed(-tractions, forces)
+        for friction in self._frictions:
+            friction.add_forces(friction.tractions(self._u, tractions).vectors, forces, -1.0)
 
     def add_products(self, x: PETSc.Vec, forces: Floats) -> None:
         """Add the stiffness times a vector of the unknowns to residuals (owned unknowns at first)."""
-        self._add_transposed(self._slopes() * self._products(x), forces)
+        tractions = self._tractions()[0]
+        rates = self._slopes() * self._products(x)
+        self._add_transposed(rates, forces)
+        for friction in self._frictions:
+            friction.add_products(friction.tractions(self._u, tractions), x.array_r[: self._owned], -rates, forces)
         if self._pressed is not None and self._sign > 0:
-            turning = self._pressed.turning(self._tractions()[0], self._first_points())
+            turning = self._pressed.turning(tractions, self._first_points())
             turning.mult(x, self._right)
             forces[: self._owned] -= self._right.array
             turning.destroy()
@@ -253,6 +263,8 @@ class SurfacePair:
     def _nodal_forces(self, tractions: Floats) -> Floats:
         forces = np.zeros(self._owned)
         self._add_transposed(tractions, forces)
+        for friction in self._frictions:
+            friction.add_forces(friction.tractions(self._u, tractions).vectors, forces)
         return forces
 
     def stiffness(self, free: PETSc.Vec) -> PETSc.Mat:
@@ -261,16 +273,21 @@ class SurfacePair:
         Args:
             free: 1 for free unknowns, 0 for others.
         """
-        slopes, gaps, pressed = self._slopes(), self._gap_matrix.copy(), self._pressed
+        slopes, gaps, pressed, tractions = self._slopes(), self._gap_matrix.copy(), self._pressed, self._tractions()[0]
         forces = self._force_matrix.copy() if pressed is None else pressed.force_matrix(self._first_points())
         self._put_in_rows(slopes)
         forces.diagonalScale(None, free)
         gaps.diagonalScale(self._left, free)
         product = forces.transposeMatMult(gaps)
+        gaps.scale(-1.0)
+        for friction in self._frictions:
+            sheared = friction.stiffness(friction.tractions(self._u, tractions), gaps, free)
+            product.axpy(1.0, sheared, _DIFFERENT)
+            sheared.destroy()
         forces.destroy()
         gaps.destroy()
         if pressed is not None and self._sign > 0:
-            turning = pressed.turning(self._tractions()[0], self._first_points(), free)
+            turning = pressed.turning(tractions, self._first_points(), free)
             product.axpy(-1.0, turning, _DIFFERENT)
             turning.destroy()
         return product
@@ -299,21 +316,16 @@ class SurfacePair:
 
     def unit_forces(self, number: int) -> Floats:
         """Return the nodal forces (owned unknowns, scaled) of a unit pressure of a function."""
-        unit = np.zeros(len(self._q))
+        unit, forces = np.zeros(len(self._q)), np.zeros(self._owned)
         unit[number] = 1.0
-        return self._nodal_forces(unit)
+        self._add_transposed(unit, forces)
+        return forces
 
     def unloaded_gaps(self) -> NodeGaps:
         """Return the gaps of the unloaded bodies of an inverse problem at the nodes of both surfaces."""
         unknowns = self._unknowns
         u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
         return NodeGaps(*self._facets(self._body.mesh.geometry.x, -u), self._owned, self._comm)
-
-    def with_pressures(self, report: ContactReport, pressures: Floats, scales: Scales) -> ContactReport:
-        """Return a report with other pressures (scaled) of all functions."""
-        pressure, multiplier = report.fields
-        given = self._functions.made(multiplier.name, pressures * scales.stress)
-        return replace(report, fields=(pressure, given))
 
     # The part of a contact.
 
@@ -323,7 +335,19 @@ class SurfacePair:
     def reset(self) -> None:
         self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
         self._before_update: Floats | None = None
-        self._updates = list[tuple[Floats, Floats]]()
+        self._updates.forget()
+        for friction in self._frictions:
+            friction.reset()
+
+    def begin_step(self, load: float) -> None:
+        """Let slip begin with the last solution below a load factor."""
+        for friction in self._frictions:
+            friction.begin(load)
+
+    def end_step(self, load: float) -> None:
+        """Keep the present solution; slip may begin there."""
+        for friction in self._frictions:
+            friction.end(load, self._u, self._first_points(), self._tractions()[0])
 
     def locate(self, *, measures: bool = False) -> None:
         """Renew the jumps at the present state, unless they are constant, or it has not changed since.
@@ -340,11 +364,13 @@ class SurfacePair:
         if is_mesh_same and (is_state_same or not (self.is_iterated or measures)):
             return
         self._place = x.copy(), u.copy()
+        loaded = u if self._sign > 0 else None
         if self._sign < 0 and is_mesh_same:  # on a given shape forces are constant
             current, pressed, self._pressed = self._force_jump, self._pressed, None
         else:
-            current, pressed = self._searched(x, u if self._sign > 0 else None)
+            current, pressed = self._searched(x, loaded)
         self._set_jumps(current, self._jump(x, -u) if self._sign < 0 else current, pressed)
+        self._set_frictions(x, loaded)
         gaps = self._gap_jump.gaps - self._wanted_gaps
         measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
         self._offsets = self._sign * measured - self._products(unknowns.state.x.petsc_vec)
@@ -363,42 +389,44 @@ class SurfacePair:
         The jumps are renewed in any case.
         """
         (after, slopes), gaps = self._tractions(), self._signed_gaps()
-        forces = self._nodal_forces(after)
-        pressing = slopes > 0
-        changes = np.where(self._penalties > 0, np.abs(after - self._q), 0.0)
-        size = float((changes / np.where(self._penalties > 0, self._penalties, 1.0)).max(initial=0.0))
-        sizes = [size / self._tolerance]
+        forces, active = self._nodal_forces(after), slopes > 0
+        differences = [after - self._q]
+        acts = self._penalties > 0
+        sizes = [float((np.abs(differences[0][acts]) / self._penalties[acts]).max(initial=0.0)) / self._tolerance]
+        for friction in self._frictions:
+            found = friction.tractions(self._u, after)
+            differences.append((found.vectors - friction.q).ravel())
+            active = np.append(active, found.sliding)
+            sizes.append(friction.distance(found) / self._tolerance)
         if self._law.is_renewed:
             self.locate()
-            moved = np.where(pressing, np.abs(self._signed_gaps() - gaps), 0.0)
+            moved = np.where(slopes > 0, np.abs(self._signed_gaps() - gaps), 0.0)
             sizes.append(float(moved.max(initial=0.0)) / self._tolerance)
             turned = np.abs(self._nodal_forces(after) - forces).max(initial=0.0), np.abs(forces).max(initial=0.0)
             difference, largest = (self._comm.allreduce(float(number), op=MPI.MAX) for number in turned)
             sizes.append(difference / (self._law.settled[1] * largest) if largest else 0.0)
 
         def apply() -> None:
-            self._before_update, self._q = self._q, self._accelerated(after - self._q, pressing)
+            self._before_update = self._multipliers
+            self._set_multipliers(self._updates.after(self._multipliers, np.concatenate(differences), active))
 
         return max(sizes), apply
 
-    def _accelerated(self, change: Floats, pressing: Booleans) -> Floats:
-        """Return the next multipliers, for the change that a plain update would make (Anderson's acceleration)."""
-        if self._updates and not np.array_equal(pressing, self._pressing):
-            self._updates = []
-        self._pressing = pressing
-        self._updates = [*self._updates[-_MEMORY:], (self._q, change)]
-        q, changes = (np.array(part) for part in zip(*self._updates, strict=True))
-        after: Floats = self._q + change
-        if len(q) > 1:
-            steps, differences = np.diff(q, axis=0), np.diff(changes, axis=0)
-            shares = np.linalg.lstsq(differences.T, change, rcond=1e-10)[0]
-            after = after - shares @ (steps + differences)
-        return after if self._law.pulls else np.maximum(after, 0.0)
+    @property
+    def _multipliers(self) -> Floats:
+        """All multipliers; pressures are the first."""
+        return np.concatenate([self._q, *(friction.q.ravel() for friction in self._frictions)])
+
+    def _set_multipliers(self, values: Floats) -> None:
+        count = len(self._q)
+        self._q = values[:count] if self._law.pulls else np.maximum(values[:count], 0.0)
+        for friction in self._frictions:
+            friction.q = values[count:].reshape(-1, 3)
 
     def halve_update(self) -> None:
-        self._updates = []
+        self._updates.forget()
         if self._before_update is not None:
-            self._q = (self._before_update + self._q) / 2
+            self._set_multipliers((self._before_update + self._multipliers) / 2)
 
     def check_start(self) -> None:
         """Check the present state, the unloaded body's, before the first solve.
@@ -406,59 +434,42 @@ class SurfacePair:
         Raises:
             MeshError: on all ranks, if bodies in contact overlap.
         """
-        gaps, (a, b) = self._given.gaps, self.spec.between
-        if self._law.pulls or self._sign < 0 or not gaps.min(initial=0.0) < -_OVERLAP * self._body.length:
-            return
-        worst = int(gaps.argmin())
-        first = self._first.at(self._body.given_nodes)
-        found = [first.points[row, k] for row, k in np.argwhere(first.nodes == self._names[worst])[:1]]
-        place = next(part for parts in self._comm.allgather(found) for part in parts)
-        raise MeshError(
-            f"{self.where}.between: '{a}' and '{b}' of the unloaded bodies overlap by"
-            f" {-gaps[worst] * self._body.length_scale:.3g} m at ({', '.join(f'{c:.4g}' for c in place + 0.0)}) m",
-            "Move the bodies apart; a motion of a support may press them together.",
-        )
+        is_free = self._law.pulls or self._sign < 0
+        if not is_free and self._given.gaps.min(initial=0.0) < -_OVERLAP * self._body.length:
+            first = self._first.at(self._body.given_nodes)
+            gaps = self._given.gaps * self._body.length_scale
+            refuse_overlap(self.where, self.spec, self._names, gaps, first, self._comm)
 
     def restore(self, report: ContactReport, scales: Scales, transfer: Callable[[fem.Function], fem.Function]) -> None:
-        """Set the multipliers to a solution's."""
-        _, *components = report.fields
-        values = [self._functions.values(transfer(component)) / scales.stress for component in components]
-        self._q = -np.stack(values, axis=1).ravel() if self._law.has_vectors else values[0]
-        self._updates = []
+        """Set the multipliers to a solution's, and slip to the solution's in the state that is put next."""
+        self._q = self.reports.multipliers(report, scales, transfer)
+        if report.friction is not None:
+            slipped = self.reports.slipped(report.friction, scales, transfer)
+            for friction in self._frictions:
+                friction.restore(*slipped)
+            self._place = None
+        self._updates.forget()
 
     def report(self, scales: Scales) -> ContactReport:
         """Return the results of the present state."""
         if not self.is_iterated:
             self.locate(measures=True)  # no update has measured the gaps there
-        tractions, unit = self._tractions()[0], scales.stress
-        gaps = self._signed_gaps() * self._sign
-        if self._law.has_vectors:
-            vectors = tractions.reshape(-1, 3)
-            sizes, gaps = np.linalg.norm(vectors, axis=1), np.linalg.norm(gaps.reshape(-1, 3), axis=1)
-            pressures = np.einsum("ni,ni->n", vectors, self._force_jump.normals)
-            parts = {f"traction_{axis}": -vectors[:, i] for i, axis in enumerate("xyz")}
-        else:
-            pressures, sizes = tractions, np.abs(tractions)
-            parts = {"multiplier": tractions}
-        touched = self._force_jump.areas > 0
-        widest = np.abs(gaps) if self._law.pulls else -gaps
-        fields = [self._functions.made(f"interface_pressure{self._label}", pressures * unit, corners=True)]
-        fields += [self._functions.made(f"interface_{n}{self._label}", v * unit) for n, v in parts.items()]
-        force = self._total_force(tractions) * unit * scales.length**2
-        shares = self._force_jump.areas / max(float(self._force_jump.areas.sum()), np.finfo(float).tiny)
-        return ContactReport(
-            where=self.where,
-            region=self.spec.between[0],
-            assumption=assumption(self.spec, self._sign),
-            force=(float(force[0]), float(force[1]), float(force[2])),
-            area=self._force_jump.area * float(shares[sizes > 0].sum()) * scales.length**2,
-            penetration=float(widest[touched].max(initial=0.0)) * scales.length,
-            distance=float(np.abs(gaps[sizes > 0.01 * sizes.max(initial=0.0)]).max(initial=0.0)) * scales.length,
-            largest_pressure=float(sizes.max(initial=0.0)) * unit,
-            tolerance=self._tolerance * scales.length,
+        jump, tractions = self._force_jump, self._tractions()[0]
+        frictions = [
+            self.reports.friction(
+                friction, friction.tractions(self._u, tractions), tractions, jump.areas, jump.area, scales
+            )
+            for friction in self._frictions
+        ]
+        return self.reports.made(
+            jump,
+            tractions,
+            self._signed_gaps() * self._sign,
+            self._total_force(tractions),
+            scales,
+            tolerance=self._tolerance,
             is_given=not self.is_iterated,
-            penalty=None,
-            fields=tuple(fields),
+            friction=frictions[0] if frictions else None,
         )
 
     def _total_force(self, tractions: Floats) -> Floats:

@@ -127,8 +127,9 @@ class DirectMethod(Method):
         yield Solve(1.0, Outcome.CONTACT_LIMIT, (), 0, strategy=AUGMENTATION)
 
     def can_restart_after(self, solve: Solve) -> bool:
-        is_between = self.equilibrium.system.weak_form.contacts.is_iterated and solve.load == 1.0
-        return solve.outcome.accepted and not is_between
+        contacts = self.equilibrium.system.weak_form.contacts
+        is_between = contacts.is_iterated and solve.load == 1.0
+        return solve.outcome.accepted and not is_between and not contacts.depends_on_path
 
     def min_mesh_J(self) -> float:
         return self.equilibrium.system.min_mesh_J()

@@ -93,6 +93,8 @@ def _strategy(problem: Problem) -> Iterator[Solve]:
 def _rescues(problem: Problem, last: Solve) -> Sequence[str]:
     """Return the fallbacks to try after the last solve of the job's strategy."""
     names: Sequence[str] = problem.equations.job.solver.rescue
+    if problem.path.equilibrium.system.weak_form.contacts.depends_on_path:
+        names = [name for name in names if name != "arc-length"]  # which may return to smaller loads
     stop_early = "arc-length" in names
     if problem.path.equilibrium.numbers.count:
         names = [name for name in names if name in _WITH_NUMBERS]

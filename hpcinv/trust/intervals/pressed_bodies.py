@@ -159,7 +159,7 @@ class PressedBodies:
             whole = np.zeros(len(pair.areas))
             start = starts[report.where]
             whole[pair.pressing] = pressures[start : start + len(pair.pressing)]
-            yield pair.with_pressures(report, whole, self._scales)
+            yield pair.reports.with_pressures(report, whole, self._scales)
 
     def _linearised(
         self, equilibrium: Equilibrium, solution: Solution, pressures: Floats

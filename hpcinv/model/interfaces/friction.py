@@ -1,0 +1,292 @@
+"""Friction between two surfaces of one mesh: tangential tractions with the functions of the pressure.
+
+At each function ``N_i`` of the first surface the slip of a load step is the tangential mean of the jump of its
+displacement, and a traction ``λ_i`` acts, as the pressure does:
+
+    R ← R - Bᵀ λ,      λ = Π(q - ε s),      s = s₀ + P B̄ (u - u₀),
+
+where ``Π`` shortens vectors to the bound ``μ p``, and ``P`` removes the normal part. ``B`` are the jumps where the
+surfaces meet at the end of the step, so a load in one step has the equations of an inverse problem, whose given shape
+is that end. The slip ``s₀`` that tractions of the step before need (``λ₀ = -ε s₀``) turns with the first surface.
+
+Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Booleans
+from hpcinv.job.interfaces import Interface
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.facets import Facets
+from hpcinv.model.interfaces.jump import Jump
+from hpcinv.model.interfaces.surface_rotations import surface_rotations
+
+_SOFTNESS = 2.0**-4
+"""Penalty by the pressure's. Raised, Newton's method goes astray where much slides; lowered, more updates are needed,
+and load steps before the last one slide later."""
+
+type Bound = Callable[[Floats], tuple[Floats, Floats]]
+"""largest tractions by the pressures, and their derivatives"""
+
+
+def coulomb(coefficient: float) -> Bound:
+    """Return the bound ``μ p``."""
+    return lambda pressures: (coefficient * pressures, np.full_like(pressures, coefficient))
+
+
+def rough(pressures: Floats) -> tuple[Floats, Floats]:
+    """Return no bound where surfaces press on each other, else 0."""
+    return np.where(pressures > 0, np.inf, 0.0), np.zeros_like(pressures)
+
+
+def unbounded(pressures: Floats) -> tuple[Floats, Floats]:
+    """Return no bound, of tractions that are given."""
+    return np.full_like(pressures, np.inf), np.zeros_like(pressures)
+
+
+@dataclass(frozen=True)
+class _Begin:
+    """A solution with which a load step begins.
+
+    Attributes:
+        load: load factor.
+        u: owned unknowns (scaled).
+        points: places of the nodes of the first surface's facets on this rank; ``None`` without slips.
+        slips: ``s₀`` (n, 3), scaled.
+        forces: pressures times areas (n,), scaled.
+        energy: lost so far, scaled.
+    """
+
+    load: float
+    u: Floats
+    points: Floats | None
+    slips: Floats
+    forces: Floats
+    energy: float
+
+
+@dataclass(frozen=True)
+class Tractions:
+    """Tangential tractions of all functions, with the numbers that they are made of.
+
+    Attributes:
+        vectors: ``λ``, (n, 3): on the second surface, or against its motion.
+        slips: ``s``, (n, 3).
+        sliding: whether they are shortened.
+        by_slips: ``∂λ/∂(B̄ u)``, (n, 3, 3); by_pressures: ``∂λ/∂p``, (n, 3).
+    """
+
+    vectors: Floats
+    slips: Floats
+    sliding: Booleans
+    by_slips: Floats
+    by_pressures: Floats
+
+
+class Friction:
+    """Tangential tractions of one interface. Methods are collective, and all ranks have all numbers.
+
+    Args:
+        names: sorted global numbers of the functions.
+        owned: number of owned unknowns.
+    """
+
+    def __init__(self, bound: Bound, names: Ints, owned: int, comm: MPI.Intracomm) -> None:
+        self._bound, self._names, self._owned, self._comm = bound, names, owned, comm
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the unloaded bodies, without tractions."""
+        count = len(self._names)
+        self.q: Floats = np.zeros((count, 3))
+        self._rest = _Begin(-1.0, np.zeros(self._owned), None, np.zeros((count, 3)), np.zeros(count), 0.0)
+        self._begins = list[_Begin]()
+        self._restored: Floats | None = None
+        self._begin, self._slips = self._rest, self._rest.slips
+
+    # Surfaces that move.
+
+    def set_jump(self, jump: Jump, penalties: Floats, first: Facets, u: Floats) -> None:
+        """Take the jumps where the surfaces are now, with the pressure's penalties, the first surface, and unknowns.
+
+        Args:
+            u: owned unknowns.
+        """
+        self.destroy()
+        self._jump, self._penalties, self._first = jump, _SOFTNESS * penalties, first
+        self._forces = jump.vector_matrix(self._owned, means=False)
+        self._means = jump.vector_matrix(self._owned, means=True)
+        self._left: PETSc.Vec = self._means.createVecLeft()
+        self._right: PETSc.Vec = self._means.createVecRight()
+        if self._restored is not None:
+            count = len(self._names)
+            self._rest = _Begin(-1.0, u.copy(), first.points, self._restored, np.zeros(count), 0.0)
+            self._begin, self._begins, self._restored = self._rest, [], None
+        self._carry()
+
+    def destroy(self) -> None:
+        """Free PETSc objects."""
+        for name in ("_forces", "_means", "_left", "_right"):
+            if name in vars(self):
+                getattr(self, name).destroy()
+
+    def begin(self, load: float) -> None:
+        """Let the slip begin with the last solution below a load factor."""
+        while self._begins and self._begins[-1].load >= load:
+            self._begins.pop()
+        self._begin = self._begins[-1] if self._begins else self._rest
+        self._carry()
+
+    def _carry(self) -> None:
+        begin = self._begin
+        self._slips = begin.slips
+        if begin.points is not None:
+            turned = surface_rotations(self._names, self._first.nodes, begin.points, self._first.points, self._comm)
+            self._slips = self._tangential(np.einsum("nab,nb->na", turned, begin.slips))
+
+    def _tangential(self, vectors: Floats) -> Floats:
+        normals = self._jump.normals
+        tangential: Floats = vectors - np.einsum("ni,ni->n", vectors, normals)[:, None] * normals
+        return tangential
+
+    def end(self, load: float, u: Floats, points: Floats, pressures: Floats) -> None:
+        """Keep a solution; another load step may begin there.
+
+        Args:
+            u: owned unknowns; points: places of the nodes of the first surface's facets on this rank.
+        """
+        found = self.tractions(u, pressures)
+        slips = -self._lengths(found.vectors)
+        forces = pressures * self._jump.areas
+        self._begins.append(_Begin(load, u.copy(), points, slips, forces, self.energy(found, pressures)))
+
+    def _lengths(self, tractions: Floats) -> Floats:
+        """Return tractions (n, 3) over the penalties, 0 without one."""
+        penalties = self._penalties[:, None]
+        lengths: Floats = np.divide(tractions, penalties, where=penalties > 0, out=np.zeros_like(tractions))
+        return lengths
+
+    def distance(self, found: Tractions) -> float:
+        """Return the largest difference of tractions from ``q``, as a length."""
+        return float(np.linalg.norm(self._lengths(found.vectors - self.q), axis=1).max(initial=0.0))
+
+    def restore(self, q: Floats, slips: Floats) -> None:
+        """Take tractions (n, 3), and the slips with which the state that is put next has them, both scaled."""
+        self.reset()
+        self.q, self._restored = q, slips
+
+    # Tractions.
+
+    def _products(self, u: Floats) -> Floats:
+        self._right.array[:] = u
+        self._means.mult(self._right, self._left)
+        return np.concatenate(self._comm.allgather(np.array(self._left.array))).reshape(-1, 3)
+
+    def tractions(self, u: Floats, pressures: Floats) -> Tractions:
+        """Return the tractions for owned unknowns and pressures."""
+        penalties, normals = self._penalties, self._jump.normals
+        slips = self._slips + self._tangential(self._products(u - self._begin.u))
+        trial = self._tangential(self.q) - penalties[:, None] * slips
+        bounds, slopes = self._bound(pressures)
+        sizes = np.linalg.norm(trial, axis=1)
+        sliding = sizes > bounds
+        directions = trial / np.where(sizes > 0, sizes, 1.0)[:, None]
+        shares = np.where(sliding, np.divide(bounds, sizes, where=sliding, out=np.ones_like(sizes)), 1.0)
+        removed = np.einsum("na,nb->nab", normals, normals)
+        removed += sliding[:, None, None] * np.einsum("na,nb->nab", directions, directions)
+        return Tractions(
+            shares[:, None] * trial,
+            slips,
+            sliding,
+            -(penalties * shares)[:, None, None] * (np.eye(3) - removed),
+            (sliding * slopes)[:, None] * directions,
+        )
+
+    def add_forces(self, tractions: Floats, forces: Floats, share: float = 1.0) -> None:
+        """Add the nodal forces of tractions (n, 3), times a share, to forces on the owned unknowns at first."""
+        start, end = self._left.getOwnershipRange()
+        self._left.array[:] = tractions.ravel()[start:end]
+        self._forces.multTranspose(self._left, self._right)
+        forces[: self._owned] += share * self._right.array
+
+    def add_products(self, found: Tractions, x: Floats, pressure_rates: Floats, forces: Floats) -> None:
+        """Add the stiffness times owned unknowns, along which pressures have these rates, to forces."""
+        rates = np.einsum("nab,nb->na", found.by_slips, self._products(x))
+        rates += found.by_pressures * pressure_rates[:, None]
+        self.add_forces(rates, forces, -1.0)
+
+    def stiffness(self, found: Tractions, pressure_rates: PETSc.Mat, free: PETSc.Vec) -> PETSc.Mat:
+        """Return a new matrix: the derivative of the forces, without rows and columns of unknowns that are not free.
+
+        Args:
+            pressure_rates: derivative of the pressures by the free unknowns.
+        """
+        count = len(self._names)
+        slips = self._blocks(found.by_slips, 3 * count)
+        pressures = self._blocks(found.by_pressures[:, :, None], count)
+        rates = slips.matMult(self._means)
+        rates.diagonalScale(None, free)
+        more = pressures.matMult(pressure_rates)
+        different: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
+        rates.axpy(1.0, more, different)
+        forces = self._forces.copy()
+        forces.diagonalScale(None, free)
+        product = forces.transposeMatMult(rates)
+        product.scale(-1.0)
+        for matrix in (slips, pressures, rates, more, forces):
+            matrix.destroy()
+        return product
+
+    def _blocks(self, blocks: Floats, columns: int) -> PETSc.Mat:
+        """Return the matrix with blocks (n, 3, w) on its diagonal, distributed as the functions are."""
+        count, height, width = blocks.shape
+        sizes = self._left.getLocalSize(), 3 * count
+        start, end = self._left.getOwnershipRange()
+        matrix = PETSc.Mat().create(self._comm)  # type: ignore[arg-type]  # its stub knows no mpi4py
+        own = PETSc.DECIDE if width == 1 else sizes[0]
+        matrix.setSizes((sizes, (own, columns)))
+        matrix.setType(PETSc.Mat.Type.AIJ)
+        rows, places = np.broadcast_arrays(
+            np.arange(3 * count).reshape(count, height, 1),
+            width * np.arange(count)[:, None, None] + np.arange(width),
+        )
+        own_rows = (rows >= start) & (rows < end)
+        chosen: Any = rows[own_rows].astype(PETSc.IntType), places[own_rows].astype(PETSc.IntType)
+        matrix.setPreallocationCOO(*chosen)
+        values: Any = blocks[own_rows]
+        matrix.setValuesCOO(values)
+        return matrix
+
+    # Results.
+
+    def energy(self, found: Tractions, pressures: Floats) -> float:
+        """Return the energy lost since the unloaded state, scaled: the mean bound in each step times its sliding."""
+        begin = self._begin
+        elastic = self._lengths(self._tangential(self.q) - found.vectors)
+        slid = np.where(found.sliding[:, None], found.slips - elastic, 0.0)
+        sizes = np.linalg.norm(found.vectors, axis=1)
+        against = -np.einsum("ni,ni->n", slid, found.vectors) / np.where(sizes > 0, sizes, 1.0)
+        along = np.where(sizes > 0, against, np.linalg.norm(slid, axis=1))  # surfaces that have opened slid before
+        bounds = self._bound((begin.forces + pressures * self._jump.areas) / 2)[0]
+        return begin.energy + float((np.where(np.isfinite(bounds), bounds, 0.0) * along).sum())
+
+
+def frictions_of(spec: Interface, sign: int, names: Ints, owned: int, comm: MPI.Intracomm) -> tuple[Friction, ...]:
+    """Return the friction of an interface, or nothing without it.
+
+    Args:
+        sign: of the kinematics.
+    """
+    if not spec.friction:
+        return ()
+    bounds = {"coulomb": coulomb(spec.friction), "stick": rough}
+    bound = coulomb(spec.friction) if sign > 0 else bounds.get(spec.closure or "", unbounded)
+    return (Friction(bound, names, owned, comm),)

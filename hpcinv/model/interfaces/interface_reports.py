@@ -1,0 +1,144 @@
+"""What a solution says about an interface, and its tractions from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from dolfinx import fem
+
+from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.job.interfaces import Interface
+from hpcinv.mesh.source import Floats
+from hpcinv.model.contacts import ContactReport, FrictionReport
+from hpcinv.model.interfaces.friction import Friction, Tractions
+from hpcinv.model.interfaces.jump import Jump
+from hpcinv.model.interfaces.kinds import Law, assumption
+from hpcinv.model.interfaces.nodal_functions import NodalFunctions
+
+OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0
+type Transfer = Callable[[fem.Function], fem.Function]
+
+
+@dataclass(frozen=True)
+class InterfaceReports:
+    """Reports of one interface.
+
+    Attributes:
+        where: its place in the job.
+        label: ending of the names of its fields.
+        sign: of the kinematics.
+        functions: functions with the numbers at its nodes.
+    """
+
+    where: str
+    label: str
+    spec: Interface
+    law: Law
+    sign: int
+    functions: NodalFunctions
+
+    def made(
+        self,
+        jump: Jump,
+        tractions: Floats,
+        gaps: Floats,
+        force: Floats,
+        scales: Scales,
+        *,
+        tolerance: float,
+        is_given: bool,
+        friction: FrictionReport | None,
+    ) -> ContactReport:
+        """Return a report of scaled numbers; collective.
+
+        Args:
+            jump: where the forces act.
+            tractions, gaps: of all functions, with components of kinds with vectors.
+            force: on the first region of the job, (3,).
+            tolerance: of gaps.
+        """
+        unit = scales.stress
+        if self.law.has_vectors:
+            vectors = tractions.reshape(-1, 3)
+            sizes, gaps = np.linalg.norm(vectors, axis=1), np.linalg.norm(gaps.reshape(-1, 3), axis=1)
+            pressures = np.einsum("ni,ni->n", vectors, jump.normals)
+            parts = {f"traction_{axis}": -vectors[:, i] for i, axis in enumerate("xyz")}
+        else:
+            pressures, sizes = tractions, np.abs(tractions)
+            parts = {"multiplier": tractions}
+        touched = jump.areas > 0
+        widest = np.abs(gaps) if self.law.pulls else -gaps
+        fields = [self.functions.made(f"interface_pressure{self.label}", pressures * unit, corners=True)]
+        fields += [self.functions.made(f"interface_{n}{self.label}", v * unit) for n, v in parts.items()]
+        force = force * unit * scales.length**2
+        shares = jump.areas / max(float(jump.areas.sum()), np.finfo(float).tiny)
+        return ContactReport(
+            where=self.where,
+            region=self.spec.between[0],
+            assumption=assumption(self.spec, self.sign),
+            force=(float(force[0]), float(force[1]), float(force[2])),
+            area=jump.area * float(shares[sizes > 0].sum()) * scales.length**2,
+            penetration=float(widest[touched].max(initial=0.0)) * scales.length,
+            distance=float(np.abs(gaps[sizes > 0.01 * sizes.max(initial=0.0)]).max(initial=0.0)) * scales.length,
+            largest_pressure=float(sizes.max(initial=0.0)) * unit,
+            tolerance=tolerance * scales.length,
+            is_given=is_given,
+            penalty=None,
+            fields=tuple(fields),
+            friction=friction,
+        )
+
+    def with_pressures(self, report: ContactReport, pressures: Floats, scales: Scales) -> ContactReport:
+        """Return a report with other pressures (scaled) of all functions."""
+        pressure, multiplier = report.fields
+        given = self.functions.made(multiplier.name, pressures * scales.stress)
+        return replace(report, fields=(pressure, given))
+
+    def multipliers(self, report: ContactReport, scales: Scales, transfer: Transfer) -> Floats:
+        """Return the scaled multipliers of a report, pressures or components of tractions; collective."""
+        _, *components = report.fields
+        values = [self.functions.values(transfer(component)) / scales.stress for component in components]
+        return -np.stack(values, axis=1).ravel() if self.law.has_vectors else values[0]
+
+    # Friction.
+
+    def friction(
+        self, friction: Friction, found: Tractions, pressures: Floats, areas: Floats, area: float, scales: Scales
+    ) -> FrictionReport:
+        """Return a report of friction; collective.
+
+        Args:
+            areas: of the functions; area: of their segments.
+        """
+        sizes = np.linalg.norm(found.vectors, axis=1)
+        slides = found.sliding & (pressures > 0)
+        shares = areas / max(float(areas.sum()), np.finfo(float).tiny)
+        state = np.where(pressures > 0, np.where(slides, SLIDES, STICKS), OPEN)
+        excess = np.where(areas > 0, sizes - self.spec.friction * pressures, -np.inf)
+        worst = int(excess.argmax())
+        return FrictionReport(
+            coefficient=self.spec.friction,
+            sliding_area=area * float(shares[slides].sum()) * scales.length**2,
+            energy_lost=friction.energy(found, pressures) * scales.stress * scales.length**3,
+            worst=worst,
+            largest=float(sizes[worst]) * scales.stress,
+            allowed=self.spec.friction * float(pressures[worst]) * scales.stress,
+            tractions=self._components("friction", -found.vectors * scales.stress),
+            slips=self._components("slip", found.slips * scales.length),
+            state=self.functions.made(f"interface_state{self.label}", state),
+        )
+
+    def _components(self, name: str, vectors: Floats) -> tuple[fem.Function, ...]:
+        return tuple(
+            self.functions.made(f"interface_{name}_{axis}{self.label}", vectors[:, i]) for i, axis in enumerate("xyz")
+        )
+
+    def slipped(self, report: FrictionReport, scales: Scales, transfer: Transfer) -> tuple[Floats, Floats]:
+        """Return the scaled tractions (n, 3) of a report as a `Friction` has them, and slips; collective."""
+        tractions, slips = (
+            np.stack([self.functions.values(transfer(part)) for part in parts], axis=1)
+            for parts in (report.tractions, report.slips)
+        )
+        return -tractions / scales.stress, slips / scales.length

@@ -1,0 +1,193 @@
+"""Coulomb friction between two bodies of one mesh: blocks on ramps, dragged blocks, and the limits of friction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.errors import JobError
+from hpcinv.mesh import build_body
+from hpcinv.model.interfaces.surface_rotations import surface_rotations
+from hpcinv.output.result import Result
+from hpcinv.solver.equations import Equations
+
+CLAMP = {"region": "z0", "fix": ["x", "y", "z"]}
+GIVEN: dict[str, Any] = {
+    "analysis": "forward",
+    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+    "solver": {"tolerance": 1e-12},
+    "discretisation": {"displacement": 1},
+    "supports": [CLAMP],
+}
+FRICTION = 0.3
+
+
+def blocks(**parameters: Any) -> dict[str, Any]:
+    return {"file": "../meshes/two_blocks.py", "parameters": {"upper_height": 0.2, **parameters}}
+
+
+def interface(**data: Any) -> dict[str, Any]:
+    return {"between": ["bottom", "top"], "kind": "contact", **data}
+
+
+def solved(comm: MPI.Intracomm, contact: dict[str, Any], **data: Any) -> Result:
+    return hpcinv.run(job(**GIVEN | {"interfaces": [interface(**contact)]} | data), comm)
+
+
+def traction(*components: float) -> dict[str, Any]:
+    return {"effect": "traction", "region": "z1", "traction": list(components), "area_in": "reference"}
+
+
+@pytest.mark.parallel([2, 1])
+def test_a_free_block_sticks_to_a_ramp_and_friction_carries_its_weight(comm: MPI.Intracomm) -> None:
+    """The axes are the ramp's. Nothing but friction holds the upper block along it."""
+    tilt = np.deg2rad(15)
+    weight = 0.2 * np.array([np.sin(tilt), 0, -np.cos(tilt)])
+    gravity = {"effect": "gravity", "acceleration": weight.tolist(), "density": 1.0}
+    solution = solved(comm, {"friction": 0.6}, mesh=blocks(lower=2, upper=3), effects=[gravity]).solutions[0]
+    (contact,) = solution.contacts
+    assert contact.force == pytest.approx(tuple(-0.2 * weight), abs=1e-9)
+    assert contact.friction is not None
+    assert contact.friction.sliding_area < contact.area
+    assert contact.friction.largest <= contact.friction.allowed * (1 + 1e-9)
+    fields = [part.x.array for part in contact.friction.tractions]
+    sizes, pressures = np.sqrt(sum(part**2 for part in fields)), contact.fields[1].x.array
+    assert (sizes <= 0.6 * pressures + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("first", "hexahedra"),
+    [("bottom", False), ("top", True), pytest.param("top", False, marks=pytest.mark.release)],
+)
+def test_a_dragged_block_loses_friction_times_its_way(comm: MPI.Intracomm, first: str, hexahedra: bool) -> None:
+    """The block is pressed on at first, then dragged by 10 cm. The surfaces tilt by less than 0.001."""
+    drag = [CLAMP, {"region": "z1", "displacement": [0.08, 0.06, None], "case": "drag"}]
+    push = traction(0, 0, -1e-3) | {"case": "press"}
+    contact = {"friction": FRICTION, "between": [first, "top" if first == "bottom" else "bottom"]}
+    mesh = blocks(lower=3, upper=2, hexahedra=hexahedra)
+    data = {"mesh": mesh, "effects": [push], "supports": drag, "load_cases": ["press", "drag"]}
+    (report,) = solved(comm, contact, **data).solutions[0].contacts
+    force = np.array(report.force) * (1 if first == "bottom" else -1)
+    assert force[2] == pytest.approx(1e-3, rel=1e-9)
+    assert force[:2] == pytest.approx(-FRICTION * 1e-3 * np.array([0.8, 0.6]), rel=1e-2)
+    assert np.linalg.norm(force[:2]) == pytest.approx(FRICTION * 1e-3, rel=2e-3)
+    assert report.friction is not None
+    assert report.friction.sliding_area == pytest.approx(report.area, rel=1e-9)
+    assert report.friction.energy_lost == pytest.approx(FRICTION * 1e-3 * 0.1, rel=1e-2)
+    assert report.friction.largest == pytest.approx(report.friction.allowed, rel=1e-9)
+
+
+def test_blocks_that_stick_are_tied(comm: MPI.Intracomm) -> None:
+    data = {"mesh": blocks(lower=2, upper=2), "effects": [traction(0.01, 0.005, -0.1)]}
+    sticks = solved(comm, {"friction": 2.0}, **data).solutions[0]
+    tied = solved(comm, {"kind": "tied"}, **data).solutions[0]
+    assert np.abs(sticks.u - tied.u).max() < 1e-9
+    assert sticks.contacts[0].force == pytest.approx(tied.contacts[0].force, abs=1e-9)
+    assert sticks.contacts[0].friction is not None
+    assert sticks.contacts[0].friction.sliding_area == 0.0
+    assert sticks.contacts[0].friction.energy_lost == 0.0
+
+
+def test_no_friction_changes_no_digit(comm: MPI.Intracomm) -> None:
+    data = {"mesh": blocks(), "effects": [traction(0, 0, -0.1)]}
+    data["supports"] = [CLAMP, {"region": "z1", "fix": ["x", "y"]}]
+    without, zero = (solved(comm, contact, **data).solutions[0] for contact in ({}, {"friction": 0.0}))
+    assert np.array_equal(without.u, zero.u)
+    assert "friction" not in zero.contacts[0].as_data()
+
+
+def test_tangent_is_the_derivative_where_surfaces_stick_slide_and_are_apart(comm: MPI.Intracomm) -> None:
+    posed = job(**GIVEN | {"mesh": blocks(), "interfaces": [interface(friction=FRICTION)]})
+    body = build_body(posed.mesh, posed.regions, comm, resolve=posed.resolve, degree=1)
+    equations = Equations(posed, body, Timings())
+    system = equations.equilibrium(equations.weak_form("forward")).system
+    random, state = np.random.default_rng(0), system.state.x.array
+    state[:] = 1e-3 * random.standard_normal(len(state))
+    equations.supports.impose(state)
+    system.weak_form.contacts.locate()
+    (pair,) = system.weak_form.contacts.pairs
+    (friction,) = pair._frictions
+    system.linearise(1.0)
+    found, pressing = friction.tractions(state, pair.pressures), pair.pressures > 0
+    assert (pressing & found.sliding).any()
+    assert (pressing & ~found.sliding).any()
+    assert not pressing.all()
+    here, step = state.copy(), system.rhs.duplicate()
+    step.array[:] = random.standard_normal(len(state))
+    equations.supports.free(step.array)
+    changes = []
+    for share in (1e-8, -1e-8):
+        state[:] = here + share * step.array
+        system.residual(system.rhs)
+        changes.append(np.array(system.rhs.array))
+    expected = (changes[0] - changes[1]) / 2e-8
+    system.matrix.mult(step, system.rhs)
+    assert np.abs(system.rhs.array - expected).max() < 1e-8 * np.abs(expected).max()
+    system.matrix.multTranspose(step, system.rhs)
+    assert np.abs(system.rhs.array - expected).max() > 1e-2 * np.abs(expected).max()
+
+
+def test_rigid_motions_of_a_surface_have_their_rotation(comm: MPI.Intracomm) -> None:
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=np.float64)
+    nodes, names = np.array([[0, 1, 2], [1, 3, 2]]), np.arange(4)
+    turned, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))
+    turned *= np.sign(np.linalg.det(turned))
+    before = flat[nodes]
+    assert surface_rotations(names, nodes, before, before @ turned.T + 3.0, MPI.COMM_SELF) == pytest.approx(
+        np.broadcast_to(turned, (4, 3, 3)), abs=1e-12
+    )
+
+
+DRAGGED: dict[str, Any] = {
+    "mesh": {"file": "../meshes/two_blocks.py", "parameters": {"lower": 1, "upper": 2}},
+    "analysis": "round_trip",
+    "effects": [{"effect": "gravity", "acceleration": [0, 0, -0.2], "density": 1.0}],
+    "supports": [CLAMP, {"region": "z1", "displacement": [0.05, 0, -0.05]}],
+}
+
+
+@pytest.mark.parallel([2, 1])
+def test_coulomb_friction_of_one_load_step_closes(comm: MPI.Intracomm) -> None:
+    solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 1}
+    contact = {"friction": FRICTION, "closure": "coulomb"}
+    result = solved(comm, contact, first="inverse", solver=solver, **DRAGGED)
+    assert result.errors["round_trip"]["max"] < 1e-10
+    there, back = (solution.contacts[0] for solution in result.solutions)
+    assert back.force == pytest.approx(there.force, abs=1e-9)
+    assert there.friction is not None
+    assert back.friction is not None
+    assert 0.5 < there.friction.sliding_area / there.area < 1
+    assert back.friction.energy_lost == pytest.approx(there.friction.energy_lost, rel=1e-6)
+
+
+def test_friction_of_a_forward_solve_closes(comm: MPI.Intracomm) -> None:
+    contact = {"friction": FRICTION, "closure": "given"}
+    result = solved(comm, contact, first="forward", **DRAGGED)
+    assert result.errors["round_trip"]["max"] < 1e-11
+    there, back = (solution.contacts[0] for solution in result.solutions)
+    assert there.friction is not None
+    assert there.friction.sliding_area > 0
+    assert back.force == pytest.approx(there.force, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("contact", "data", "match"),
+    [
+        ({"friction": -0.1}, {}, "friction: must be from 0 to 2"),
+        ({"friction": 2.1}, {}, "friction: must be from 0 to 2"),
+        ({"friction": 0.1, "kind": "sliding"}, {}, "friction: is not valid with 'kind: sliding'"),
+        ({"friction": 0.1, "closure": "conforming"}, {"analysis": "inverse"}, "assumes nothing about friction"),
+        ({"closure": "stick"}, {"analysis": "inverse"}, "closure: 'stick' needs 'friction'"),
+        ({"friction": 0.1, "closure": "stick"}, {}, "closure: is not valid in a forward analysis"),
+        ({"friction": 0.1}, {"solver": {"strategy": "arc-length"}}, "friction: is not possible with 'strategy: arc"),
+    ],
+)
+def test_friction_that_is_not_possible_is_refused(contact: dict[str, Any], data: dict[str, Any], match: str) -> None:
+    with pytest.raises(JobError, match=match):
+        job(**GIVEN | {"mesh": blocks(), "interfaces": [interface(**contact)]} | data)
