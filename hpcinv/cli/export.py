@@ -52,6 +52,12 @@ def add_export(commands: Any) -> None:
         help="whole deck of CalculiX or Abaqus (.inp): rest shape, laws, supports, loads; and NAME-expected.csv",
     )
     export.add_argument(
+        "--copy-of",
+        type=Path,
+        metavar="DECK",
+        help=".inp: write a copy of this deck, from which the mesh of the run was read, with the nodes of the shape",
+    )
+    export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
     )
     export.add_argument("--region", help="only the cells of this region (physical group)")
@@ -93,6 +99,8 @@ def _export(options: argparse.Namespace) -> int:
     check_one_process("export")
     if options.deck is not None:
         return _export_deck(options, unit)
+    if options.copy_of is not None:
+        return _export_copy(options)
     if suffix_of(options.to) in MESHES:
         return _export_cells(options, unit)
     if suffix_of(options.to) == ".pts":
@@ -142,6 +150,33 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
     print(f"{expected_path(options.deck)}: where the program should find them")
     for note in body.notes:
         print(f"note: {note}")
+    return 0
+
+
+def _export_copy(options: argparse.Namespace) -> int:
+    """Write the deck from which the mesh was read, with the nodes of the shape."""
+    from hpcinv.base.files.atomic import write_output
+    from hpcinv.base.reading.door import admitted
+    from hpcinv.errors import MeshError
+    from hpcinv.formats.writers.moved_inp import moved_deck
+    from hpcinv.geometry.workshop.run_shapes import read_shape
+    from hpcinv.output.run_directory import RunDirectory
+
+    if options.to is None or {suffix_of(options.to), suffix_of(options.copy_of)} != {".inp"}:
+        raise OutputError("--copy-of: needs two decks of CalculiX or Abaqus: --to NEW.inp --copy-of OLD.inp")
+    source = read_shape(options.run, options.shape)
+    unit = RunDirectory(options.run).job(None).mesh.metres
+    rows = zip(source.node_tags.tolist(), (source.points * options.scale / unit).tolist(), strict=True)
+    try:
+        text = admitted(options.copy_of).read_bytes().decode("utf-8", "surrogateescape")
+        moved = moved_deck(text, dict(rows))
+    except OSError as error:
+        raise OutputError(f"{options.copy_of}: cannot be read: {error.strerror}") from None
+    except MeshError as error:
+        raise OutputError(f"{options.copy_of}: {error.message}", error.advice) from None
+    write_output(options.to, moved.encode("utf-8", "surrogateescape"))
+    print(f"{options.to}: {options.copy_of} with {len(source.points):,} nodes of the {options.shape} shape")
+    _warn_of_nodes(options, source)
     return 0
 
 
