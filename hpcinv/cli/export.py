@@ -55,7 +55,7 @@ def add_export(commands: Any) -> None:
         "--copy-of",
         type=Path,
         metavar="DECK",
-        help=".inp: write a copy of this deck, from which the mesh of the run was read, with the nodes of the shape",
+        help=".inp: copy this deck of the job, with the nodes of the shape",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"

@@ -47,7 +47,7 @@ def moved_deck(text: str, places: Mapping[int, Sequence[float]]) -> str:
 
 
 def _check(card: Keyword, parts: int) -> None:
-    """Raise ``MeshError`` for a keyword after which coordinates are not those of the lines of ``*NODE``."""
+    """Raise ``MeshError`` for a keyword by which nodes are elsewhere than the lines of ``*NODE`` say."""
     if card.name in _FROM_OTHERS or (card.name == "NODE" and card.options.get("INPUT")):
         raise MeshError(f"{card.place}: *{card.name}: nodes do not have their coordinates in this file alone")
     if card.name == "NODE" and card.options.get("SYSTEM", "R")[:1].upper() != "R":
