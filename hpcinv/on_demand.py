@@ -22,6 +22,7 @@ FUNCTIONS = {
     "contact intervals": "hpcinv.trust.intervals.contact_interval:contact_intervals",
     "contents of a mesh file": "hpcinv.job.mesh_contents:contents_of",
     "diagnosis of a failure": "hpcinv.solver.diagnosis:diagnose",
+    "doubled nodes": "hpcinv.mesh.label_interfaces:double_nodes",
     "enclosed volume": "hpcinv.model.cavities:enclosed_volume",
     "estimate of errors": "hpcinv.trust.discretisation.discretisation_error:estimate",
     "file of a partitioned mesh": "hpcinv.mesh.distributed.partitioned:write_partitioned",

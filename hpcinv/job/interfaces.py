@@ -37,7 +37,8 @@ class Interface(Spec):
     """Two surfaces of one mesh that face each other: of two bodies, or of one body with itself."""
 
     between: Annotated[tuple[str, str], Field(strict=False)]
-    """two regions of the boundary; of 'contact', pressures are at the vertices of the first one"""
+    """two regions of the boundary, or two labels (regions of cells) that share nodes, which are doubled there; of
+    'contact', pressures are at the vertices of the first one"""
     kind: Kind
     """tied: the surfaces stick to each other for ever; sliding: they slide on each other without friction, and never
     part; contact: they press on each other where they touch, with 'friction' or without"""

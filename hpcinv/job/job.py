@@ -511,7 +511,7 @@ class Job(Spec):
         raise_if_any(problems)
         sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
         if self.interfaces:
-            sections["mesh"] = self.mesh.cut()
+            sections["mesh"] = self.mesh.cut(tuple(interface.between for interface in self.interfaces))
         if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
             sections["effects"] = (*self.effects, *pressures)
         return self.model_copy(update=sections)

@@ -481,17 +481,22 @@ class MeshSpec(MeshFile):
         "lumen": ("wall", "size"),
     }
 
-    _may_be_cut: bool = PrivateAttr(default=False)
+    _interfaces: tuple[tuple[str, str], ...] = PrivateAttr(default=())
 
     @property
     def may_be_cut(self) -> bool:
         """True if nodes of different parts may coincide, since the job has interfaces."""
-        return self._may_be_cut
+        return bool(self._interfaces)
 
-    def cut(self) -> Self:
-        """Return the mesh of a job with interfaces."""
+    @property
+    def interfaces(self) -> tuple[tuple[str, str], ...]:
+        """Regions or labels between which the job has interfaces."""
+        return self._interfaces
+
+    def cut(self, interfaces: tuple[tuple[str, str], ...]) -> Self:
+        """Return the mesh of a job with interfaces between pairs of regions or labels."""
         mesh = self.model_copy()
-        mesh._may_be_cut = True
+        mesh._interfaces = interfaces
         return mesh
 
     @property

@@ -244,6 +244,8 @@ def read_source(
     source = join_facets(source)
     if spec.geometry_degree is not None:
         source = on_demand("cells of another degree")(source, spec.geometry_degree)
+    if spec.interfaces:
+        source = on_demand("doubled nodes")(source, spec.interfaces)
     return source
 
 

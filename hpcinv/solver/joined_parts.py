@@ -6,6 +6,7 @@ import numpy as np
 
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh import Body
+from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Ints
 from hpcinv.mesh.topology import connected
 
@@ -18,7 +19,7 @@ def joined_parts(body: Body, interfaces: Sequence[Interface], count: int, labels
     """
     pairs = list[tuple[int, int]]()
     for interface in interfaces:
-        found = np.concatenate([_labels(body, labels, name) for name in interface.between])
+        found = np.concatenate([_labels(body, labels, name) for name in sides_of(body, interface.between)])
         everywhere = np.unique(np.concatenate(body.mesh.comm.allgather(found)))
         pairs += [(int(everywhere[0]), int(other)) for other in everywhere[1:]]
     joints = np.array([*pairs, *((part, part) for part in range(count))], dtype=np.int64)

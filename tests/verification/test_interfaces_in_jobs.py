@@ -104,4 +104,5 @@ def test_a_body_on_an_interface_leans_on_a_rigid_wall() -> None:
     obstacle, interface = hpcinv.run(job(**data), MPI.COMM_SELF).solutions[0].contacts
     assert obstacle.force[0] < -1e-3
     assert interface.force[2] > 0.02
+    assert interface.tolerance is not None
     assert interface.penetration <= interface.tolerance

@@ -26,6 +26,7 @@ from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh import Body
+from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
@@ -80,6 +81,8 @@ class SurfacePair:
     def __init__(
         self, where: str, label: str, spec: Interface, body: Body, unknowns: Unknowns, sign: int, modulus: float
     ) -> None:
+        sides = sides_of(body, spec.between)
+        self._are_doubled, spec = sides != spec.between, spec.model_copy(update={"between": sides})
         self.where, self.spec, self._law = where, spec, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
@@ -137,7 +140,8 @@ class SurfacePair:
     def _searched(self, nodes: Floats, u: Floats | None) -> tuple[Jump, PressedSegments | None]:
         """Return the jumps where the geometry nodes are (scaled), plus a displacement of the nodes of its space."""
         first, second = self._facets(nodes, u)
-        found = segments(first, second, self._law.reach * float(second.radii.max(initial=0.0)))
+        reach = self._law.reach * float(second.radii.max(initial=0.0))
+        found = segments(first, second, reach, share_nodes=self._are_doubled)
         corners = not self._law.has_vectors
         jump = Jump(self._names, corners=corners, first=first, second=second, segments=found, comm=self._comm)
         if not self._law.is_renewed:

@@ -57,16 +57,17 @@ class Segments:
     gaps: Floats
 
 
-def segments(first: Facets, second: Facets, reach: float) -> Segments:
+def segments(first: Facets, second: Facets, reach: float, *, share_nodes: bool = False) -> Segments:
     """Return the segments of facets that face each other; not collective.
 
     Args:
         reach: largest distance (scaled) of surfaces that face each other, and depth of an overlap. No overlap is deeper
             than two facets are wide: it would be the other side of a body.
+        share_nodes: whether opposite facets may share nodes, as on the closed edge of an interface between labels.
     """
     parts = (
         [
-            _segments(first, second, reach, np.arange(start, min(start + _PAIRS, len(first))))
+            _segments(first, second, reach, np.arange(start, min(start + _PAIRS, len(first))), share_nodes)
             for start in range(0, len(first), _PAIRS)
         ]
         if len(second)
@@ -79,8 +80,11 @@ def segments(first: Facets, second: Facets, reach: float) -> Segments:
     return Segments(**{name: np.concatenate([getattr(part, name) for part in (empty, *parts)]) for name in fields})
 
 
-def _segments(first: Facets, second: Facets, reach: float, chosen: Ints) -> Segments:
+def _segments(first: Facets, second: Facets, reach: float, chosen: Ints, share_nodes: bool) -> Segments:
     i, j = _candidates(first, second, reach, chosen)
+    if not share_nodes:
+        apart = ~(first.nodes[i][:, :, None] == second.nodes[j][:, None]).any(axis=(1, 2))
+        i, j = i[apart], j[apart]
     (origins, normals), tangents = first.middles[:, i], tangents_of(first.middles[1][i])
     polygons, counts = _overlaps(first, second, i, j, origins, tangents)
     corners, areas = _triangles(polygons, counts)
@@ -129,8 +133,7 @@ def _candidates(first: Facets, second: Facets, reach: float, chosen: Ints) -> tu
     depths = np.einsum("ni,ni->n", arms, first.middles[1][i])
     aside = np.sqrt(np.maximum((arms**2).sum(axis=1) - depths**2, 0.0))
     covers = aside <= 1.01 * (first.radii[i] + second.radii[j])
-    shares_nodes = (first.nodes[i][:, :, None] == second.nodes[j][:, None]).any(axis=(1, 2))
-    kept = faces & covers & ~shares_nodes
+    kept = faces & covers
     return i[kept], j[kept]
 
 
@@ -187,7 +190,8 @@ def _cut(polygons: Floats, counts: Ints, a: Floats, b: Floats) -> tuple[Floats, 
     points = np.stack([polygons, cuts], axis=2).reshape(n, 2 * most, 2)
     kept = np.stack([inside, crosses], axis=2).reshape(n, 2 * most)
     order = np.argsort(~kept, axis=1, kind="stable")[:, : most + 1]
-    return np.take_along_axis(points, order[:, :, None], axis=1), kept.sum(axis=1)
+    # Rounding errors of edges that coincide may cross a line more than twice; vertices beyond that add no area.
+    return np.take_along_axis(points, order[:, :, None], axis=1), np.minimum(kept.sum(axis=1), most + 1)
 
 
 def _triangles(polygons: Floats, counts: Ints) -> tuple[Floats, Floats]:

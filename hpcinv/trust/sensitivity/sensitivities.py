@@ -147,8 +147,12 @@ class Spreads:
 
 
 def spreads_of(job: Job, body: Body) -> Spreads:
-    """Return the spreads of a run; their errors are the job's, or follow from the voxels of its image."""
-    if not job.certificate.surface or (job.mesh.surface_error is None and not body.source.voxel):
+    """Return the spreads of a run; their errors are the job's, or follow from the voxels of its image.
+
+    There are none with interfaces, which derivatives by the surface leave out.
+    """
+    is_known = job.mesh.surface_error is not None or body.source.voxel
+    if not (job.certificate.surface and is_known) or job.interfaces:
         return Spreads()
     spreads: Spreads = on_demand("spreads by errors of the surface")(job, body)
     return spreads
