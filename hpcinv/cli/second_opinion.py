@@ -29,6 +29,7 @@ def add_second_opinion(commands: Any) -> None:
     parser.add_argument("--with", dest="program", choices=PROGRAMS, default="calculix", help="the program")
     parser.add_argument("--command", dest="executable", metavar="PATH", help="its command (default: the installed one)")
     parser.add_argument("--limit", default="10 min", help="wall time of the program (default: 10 min)")
+    parser.add_argument("--memory", type=float, metavar="GB", help="memory of the program (default: the machine's)")
     add_option(parser)
     parser.set_defaults(command=_second_opinion)
 
@@ -37,7 +38,10 @@ def _second_opinion(options: argparse.Namespace) -> int:
     from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
 
     check_one_process("second-opinion")
-    opinion = second_opinion(options.run, options.executable, _seconds(options.limit))
+    if options.memory is not None and not options.memory > 0:
+        raise OutputError(f"--memory {options.memory:g}: must be above 0")
+    memory = None if options.memory is None else round(options.memory * 1e9)
+    opinion = second_opinion(options.run, options.executable, _seconds(options.limit), memory)
     print("\n".join(opinion.lines()))
     print(f"{opinion.verdict.value}; a line of the certificate; deck and output in {options.run / FOLDER}")
     return 0

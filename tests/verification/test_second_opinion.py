@@ -17,6 +17,7 @@ import hpcinv
 from hpcinv.__main__ import main
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutputError
+from hpcinv.job.job import load
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
 from hpcinv.studies.second_opinion.calculix import NoOpinion
@@ -166,6 +167,18 @@ def test_a_missing_program_is_one_message(plain_run: Path, capsys: pytest.Captur
     assert "no-such-program: is not installed" in capsys.readouterr().err
 
 
+@needs_calculix
+def test_a_program_without_memory_is_not_decided(plain_run: Path) -> None:
+    with pytest.raises(NoOpinion, match="reached no load"):
+        second_opinion(plain_run, None, 60, memory=10_000_000)
+
+
+@pytest.mark.parametrize(("option", "value"), [("--limit", "3 m"), ("--limit", "0 s"), ("--memory", "0")])
+def test_limits_are_positive(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["second-opinion", "anywhere", option, value]) == 2
+    assert f"{option} {value}: must be" in capsys.readouterr().err
+
+
 def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> None:
     springs = {"effect": "elastic-foundation", "region": "x1", "normal": 1e3, "tangential": 0, "area_in": "reference"}
     supports = [*BODY["supports"], {"region": "y0", "fix": ["normal"]}]
@@ -185,6 +198,22 @@ def test_a_deck_has_the_places_of_its_nodes_in_its_unit(plain_run: Path, tmp_pat
     text = (tmp_path / "part.inp").read_text()
     assert "*DENSITY\n1e-05\n" in text  # N s²/cm⁴
     assert all(len(word.strip()) <= 20 for line in text.splitlines() for word in line.split(",") if word[:1] != "*")
+
+
+def test_a_deck_is_read_back_as_the_loads_of_the_job(plain_run: Path, tmp_path: Path) -> None:
+    deck, path = tmp_path / "part.inp", tmp_path / "part.yaml"
+    assert main(["export", str(plain_run), "--deck", str(deck), "--unit", "mm"]) == 0
+    assert main(["new", "job", "--from", str(deck), "--unit", "mm", "--stress-unit", "MPa", str(path)]) == 0
+    given = load(path)
+    [law] = given.laws.values()
+    numbers = {name: value for name, (value, _) in law.quantities().items()}
+    assert (numbers["mu"], numbers["kappa"]) == pytest.approx((1e4, 4e4))
+    loads = {effect.effect: effect for effect in given.effects}
+    assert loads["gravity"].density == pytest.approx(1000)
+    assert loads["gravity"].acceleration == pytest.approx((1, 0, -2))
+    assert loads["pressure"].pressure == pytest.approx(100)
+    [support] = given.supports
+    assert support.held == {"x", "y", "z"}
 
 
 def test_a_law_without_a_card_is_refused(plain_run: Path, tmp_path: Path) -> None:

@@ -48,23 +48,25 @@ def version(program: str) -> str:
     return found[1] if found else ""
 
 
-def displacements(program: str, deck: Path, tags: Ints, limit: float) -> Floats:
+def displacements(program: str, deck: Path, tags: Ints, limit: float, memory: int | None = None) -> Floats:
     """Run a deck, and return the displacements (n, 3) of its nodes ``tags`` (n,), in its unit of length.
 
     The output of the program is in NAME.log next to the deck.
 
     Args:
         limit: seconds.
+        memory: bytes; by default those of the machine.
 
     Raises:
-        NoOpinion: it did not reach the full load within the limit.
+        NoOpinion: it did not reach the full load within the limits.
     """
     results, log = deck.with_suffix(".dat"), deck.with_suffix(".log")
     results.unlink(missing_ok=True)
+    memory = memory or os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     with (
         log.open("wb") as output,
         subprocess.Popen(
-            [program, deck.stem],
+            ["/bin/sh", "-c", f'ulimit -v {memory // 1024} && exec "$0" "$1"', program, deck.stem],
             cwd=deck.parent,
             stdin=subprocess.DEVNULL,
             stdout=output,

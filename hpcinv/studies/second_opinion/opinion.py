@@ -93,7 +93,7 @@ class Opinion:
         return Line(TOPIC, self.largest, "m", rule, self.verdict, "; ".join(self.lines()))
 
 
-def second_opinion(run: Path, program: str | None, limit: float) -> Opinion:
+def second_opinion(run: Path, program: str | None, limit: float, memory: int | None = None) -> Opinion:
     """Let CalculiX load the rest shape of a finished run, and add a line to its certificate.
 
     Deck and files of the program stay in the directory `FOLDER` of the run.
@@ -101,6 +101,7 @@ def second_opinion(run: Path, program: str | None, limit: float) -> Opinion:
     Args:
         program: its command; by default the installed one.
         limit: seconds for it.
+        memory: bytes for it; by default those of the machine.
 
     Raises:
         OutputError: the run is not finished, or has what no deck can say.
@@ -119,7 +120,7 @@ def second_opinion(run: Path, program: str | None, limit: float) -> Opinion:
     deck = write_deck(path, body, 1.0)
     try:
         executable = command(program)
-        theirs = displacements(executable, path, deck.tags, limit)
+        theirs = displacements(executable, path, deck.tags, limit, memory)
     except NoOpinion as error:
         _record(run, Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message))
         raise
