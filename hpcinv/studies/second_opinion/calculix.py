@@ -55,7 +55,7 @@ def displacements(program: str, deck: Path, tags: Ints, limit: float, memory: in
 
     Args:
         limit: seconds.
-        memory: bytes; by default those of the machine.
+        memory: bytes; by default the machine's.
 
     Raises:
         NoOpinion: it did not reach the full load within the limits.

@@ -101,7 +101,7 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
     Args:
         program: its command; by default the installed one.
         limit: seconds for it.
-        memory: bytes for it; by default those of the machine.
+        memory: bytes for it; by default the machine's.
 
     Raises:
         OutputError: the run is not finished, or has what no deck can say.
