@@ -1,6 +1,6 @@
 """Rest shapes that a given shape with contact leaves open: errors of closures, and intervals around the known truth.
 
-Usage: python benchmarks/contact_intervals.py [--cells N]
+Usage: python benchmarks/contact_intervals.py [--cells N] [--drawn N]
 
 Two blocks of a silicone-like material are pressed together by a known forward solve; the inverse knows only the loaded
 shape. Blocks are quarters, 60 mm high, with supported ends.
@@ -168,18 +168,104 @@ def intervals(name: str, body: Loaded) -> Iterator[str]:
     yield f"{'':<8}{count} unknowns, {found['pressures']} pressures: {seconds:.0f} s"
 
 
+def drawn(seed: int) -> dict[str, Any]:
+    """Return the forward job of two blocks whose shape, mesh, moduli and loads are drawn."""
+    random = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(round(random.uniform(low, high), 5))
+
+    lower, upper = (between(0.03, 0.06) for _ in range(2))
+    shape = {"lx": between(0.03, 0.06), "ly": between(0.03, 0.06), "lower_height": lower, "upper_height": upper}
+    crown = {"crown": between(0, 5e-3), "gap": between(1e-5, 1e-3), "margin": between(0, 0.01)}
+    divisions = {"lower": int(random.integers(1, 4)), "upper": int(random.integers(1, 4)), "layers": 1}
+    soft = {name: f"{between(5, 40)} kPa" for name in ("lower", "upper")}
+    poisson = between(0.1, 0.4)
+    travel: list[Any] = [between(-1e-3, 1e-3), between(-1e-3, 1e-3), -crown["gap"] - between(1e-3, 4e-3)]
+    return {
+        "analysis": "forward",
+        "mesh": {"file": str(MESH), "parameters": {**shape, **crown, **divisions, "hexahedra": seed % 2 == 0}},
+        "material": {name: {"law": "neo-hookean", "young": young, "poisson": poisson} for name, young in soft.items()},
+        "discretisation": {"displacement": 1},
+        "regions": {"all": "z > -1 m"},
+        "effects": [
+            {
+                "effect": "gravity",
+                "acceleration": [between(-5, 5), between(-5, 5), between(-10, 0)],
+                "density": between(500, 1500),
+            }
+        ],
+        "supports": [
+            {"region": "z0", "fix": ["x", "y", "z"]},
+            {"region": "z1", "displacement": [f"{part} m" for part in travel]},
+        ],
+        "interfaces": [{"between": ["bottom", "top"], "kind": "contact"}],
+        "quantities": [
+            {"name": "face", "of": "Z", "on": "bottom", "reduce": "mean"},
+            {"name": "width", "of": "X", "on": "bottom", "reduce": "rms"},
+            {"name": "lowest", "of": "Z", "on": "bottom", "reduce": "min"},
+            {"name": "distance", "of": "norm(ux, uy, uz)", "on": "all", "reduce": "rms"},
+            {"name": "stress", "of": "von_mises", "on": "lower", "reduce": "mean", "over": "current"},
+            {"name": "energy", "of": "energy", "on": "upper", "reduce": "integral", "over": "reference"},
+        ],
+        "solver": {"tolerance": 1e-12},
+        "certificate": "off",
+    }
+
+
+def drawn_bodies(count: int, directory: Path) -> Iterator[str]:
+    """Yield a row for each body that was drawn: where the truth lies in its intervals, and how many ends settled."""
+    yield f"{'body':<6}{'unknowns':>9}{'pressures':>11}{'force, N':>10}{'widths, %':>32}  truth"
+    inside = settled = total = 0
+    for seed in range(count):
+        job, place = drawn(seed), directory / str(seed)
+        there = hpcinv.run(job, directory=place, progress=False)
+        contact = there.solutions[0].contacts[0]
+        truth = {**there.quantities, "force on bottom": abs(contact.force[2])}
+        back = {**job, "analysis": "inverse", "mesh": {"file": str(place / "shape.msh")}}
+        back |= {"uncertainty": "contact", "certificate": {"level": "quick"}}
+        back["interfaces"] = [{**job["interfaces"][0], "closure": "touching", "touches_within": TOUCHING}]
+        lines = hpcinv.run(back, progress=False).certificate.lines
+        known = ((line.interval or {"of": ""}, line) for line in lines)
+        found = [(data, line) for data, line in known if data["of"] in truth]
+        outside = [data["of"] for data, _ in found if not _is_inside(data, truth)]
+        open_ends = [data["of"] for data, line in found if line.verdict.value != "pass"]
+        widths = [100 * line.value / max(abs(truth[data["of"]]), line.value) for data, line in found if line.value]
+        inside += not outside and bool(found)
+        settled, total = settled + len(found) - len(open_ends), total + len(found)
+        verdict = "inside" if found and not outside else f"OUTSIDE of {', '.join(outside)}"
+        verdict += f"; not settled: {', '.join(open_ends)}" if open_ends else ""
+        numbers = " ".join(f"{width:.2g}" for width in widths)
+        size, pressures = there.body.mesh.geometry.x.size, found[0][0]["pressures"] if found else 0
+        yield f"{seed:<6}{size:>9}{pressures:>11}{truth['force on bottom']:>10.4f}{numbers:>32}  {verdict}"
+    yield f"truth inside in {inside} of {count}; {settled} of {total} intervals have settled"
+
+
+def _is_inside(found: Mapping[str, Any], truth: Mapping[str, float]) -> bool:
+    low, high = (sign * np.inf if end is None else end for sign, end in ((-1, found["low"]), (1, found["high"])))
+    value = truth[found["of"]]
+    slack = 1e-5 * max(abs(value), high - low if np.isfinite(high - low) else 0.0)
+    return bool(low - slack <= value <= high + slack)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", type=int, default=5, help="along each edge of a block")
-    cells = parser.parse_args().cells
+    parser.add_argument("--drawn", type=int, default=30, help="number of other bodies that are drawn")
+    given = parser.parse_args()
+    cells = given.cells
     with tempfile.TemporaryDirectory() as directory:
         bodies = {name: loaded(name, cells, Path(directory) / name) for name in SCENES}
-        print(f"{'scene':<8}{'closure':<16}{'error, mm':>10}{'force, N':>10}{'reload, mm':>12}")
+        if bodies:
+            print(f"{'scene':<8}{'closure':<16}{'error, mm':>10}{'force, N':>10}{'reload, mm':>12}")
         for name, body in bodies.items():
             print(*closures(name, body), sep="\n", flush=True)
         print(f"\n{'scene':<8}{'mm, N':<12}{'truth':>10}{'low':>11}{'high':>11}{'solves':>8}")
         for name, body in bodies.items():
             print(*intervals(name, body), sep="\n", flush=True)
+        print()
+        for row in drawn_bodies(given.drawn, Path(directory)):
+            print(row, flush=True)
 
 
 if __name__ == "__main__":

@@ -63,14 +63,19 @@ def test_bodies_that_touch_without_pressure_are_apart_unloaded_and_close(comm: M
 def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, run_directory: Path) -> None:
     """The truth is the body of a forward solve; its pressure is not uniform."""
     apart = BLOCKS | {"parameters": {"lower": 1, "upper": 1, "gap": 0.01}}
-    solved(comm, {}, run_directory / "there", mesh=apart, analysis="forward", quantities=[])
+    energy = {"name": "energy", "of": "energy", "on": "upper", "reduce": "integral", "over": "reference"}
+    there = solved(comm, {}, run_directory / "there", mesh=apart, analysis="forward", quantities=[energy])
     back = {"mesh": {"file": str(run_directory / "there" / "shape.msh")}, "analysis": "inverse"}
-    checked = {"certificate": {"level": "quick"}, "uncertainty": "contact"}
+    wanted = [*GIVEN["quantities"], energy]
+    checked = {"certificate": {"level": "quick"}, "uncertainty": "contact", "quantities": wanted}
     result = solved(comm, {"closure": "conforming"}, **back, **checked)
     assert result.certificate is not None
     intervals = {line.interval["of"]: line.interval for line in result.certificate.lines if line.interval}
     low, high = (intervals["gap"][end] for end in ("low", "high"))
     assert low < 0.51 < high
+    least, most = (intervals["energy"][end] for end in ("low", "high"))  # whose ends are not where p = 0 or conforming
+    assert least < there.quantities["energy"] < most
+    assert least < 0.9 * result.quantities["energy"]
     assert intervals["force on bottom"]["low"] == pytest.approx(0.0, abs=1e-9)
     assert intervals["mean rest gap at bottom"]["low"] == pytest.approx(0.0, abs=1e-6)
     assert high - low < 0.03

@@ -132,7 +132,7 @@ def settled_end(
         following = choose(near, slopes, reach)
         step = following - pressures
         promised, before = float(slopes @ step), value
-        if count and abs(promised) <= tolerance and near.depth <= depth:
+        if abs(promised) <= tolerance and near.depth <= depth:
             return value, pressures, True
         if count == _MOST:
             break

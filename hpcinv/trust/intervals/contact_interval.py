@@ -80,11 +80,12 @@ def contact_intervals(
         detail: called with the name of each quantity when its ends are searched.
     """
     bodies, overlap = PressedBodies(equations, solution), None
-    ends, found = _Ends(bodies, equations), list[Interval]()
+    found = list[Interval]()
     try:
-        for name in bodies.units:
+        ends = _Ends(bodies, equations)
+        for name in reversed(bodies.units):  # force and gap first, whose ends are where others begin
             detail(name)
-            found.append(ends.interval(name))
+            found.insert(0, ends.interval(name))
     except NoPressure as reason:
         overlap = -reason.gap * equations.scales.length
     finally:
@@ -99,7 +100,7 @@ class _Ends:
     def __init__(self, bodies: PressedBodies, equations: Equations) -> None:
         self._bodies, self._comm = bodies, equations.body.mesh.comm
         self._depth = _DEPTH * equations.body.length
-        self._shapes, self._solves = list[Floats](), 0
+        self._shapes, self._solved_bodies = list[Floats](), [bodies.at_start]
 
     @property
     def distance(self) -> float:
@@ -113,19 +114,33 @@ class _Ends:
     def interval(self, name: str) -> Interval:
         """Return the interval of a quantity; raise `NoPressure` if no pressures are admissible."""
         bodies = self._bodies
-        first, ends, settled, before = bodies.at_start.values[name], list[float | None](), True, self._solves
+        first, ends, settled, before = (
+            bodies.at_start.values[name],
+            list[float | None](),
+            True,
+            len(self._solved_bodies),
+        )
         tolerance = _SETTLED * max(abs(first), self._promised(name), 1e-300)
         for sign in (-1.0, 1.0):
             solve, choose = partial(self._solved, name), partial(self._chosen, sign)
             try:
-                value, _, has_settled = settled_end(solve, choose, bodies.start, tolerance, self._depth)
+                end = settled_end(solve, choose, self._best(name, sign), tolerance, self._depth)
             except UnboundedEnd:
                 ends.append(None)
                 continue
-            ends.append(value)
-            settled &= has_settled
+            ends.append(end[0])
+            settled &= end[2]
             self._shapes.append(self._last_shape)
-        return Interval(name, first, ends[0], ends[1], bodies.units[name], settled, self._solves - before)
+        solves = len(self._solved_bodies) - before
+        return Interval(name, first, ends[0], ends[1], bodies.units[name], settled, solves)
+
+    def _best(self, name: str, sign: float) -> Floats:
+        """Return the pressures with the largest or smallest quantity of all that were solved for.
+
+        Ends are local ones: an energy has its largest value in a corner far from where it is least.
+        """
+        admissible = [b for b in self._solved_bodies if b.near.depth <= self._depth] or self._solved_bodies[:1]
+        return max(admissible, key=lambda body: sign * body.values[name]).near.pressures
 
     def _promised(self, name: str) -> float:
         """Return the largest change of a quantity that the first programs promise."""
@@ -139,12 +154,10 @@ class _Ends:
         return largest
 
     def _solved(self, name: str, pressures: Floats) -> tuple[float, AdmissiblePressures, Floats]:
-        bodies = self._bodies
-        if pressures is bodies.start:
-            solved = bodies.at_start
-        else:
-            solved = bodies.solved(pressures)
-            self._solves += 1
+        solved = next((body for body in self._solved_bodies if body.near.pressures is pressures), None)
+        if solved is None:
+            solved = self._bodies.solved(pressures)
+            self._solved_bodies.append(solved)
         self._last_shape = solved.shape
         return solved.values[name], solved.near, solved.slopes[name]
 

@@ -18,7 +18,8 @@ from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.pair import SurfacePair
-from hpcinv.results.quantities_of_interest import evaluate
+from hpcinv.results.point_fields import PointFields
+from hpcinv.results.quantities_of_interest import check_points, evaluate, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
@@ -38,14 +39,12 @@ class Pressed:
         values, slopes: of the quantities (SI), and their derivatives (n,) by the pressures (scaled).
         near: pressures that are admissible near these.
         shape: local geometry nodes (m) of the unloaded bodies.
-        responses: changes (m) of the local geometry nodes by the pressures, (n, nodes, 3).
     """
 
     values: Mapping[str, float]
     slopes: Mapping[str, Floats]
     near: AdmissiblePressures
     shape: Floats
-    responses: Floats
 
 
 class PressedBodies:
@@ -65,6 +64,8 @@ class PressedBodies:
         self._job = _with_given_pressures(solution.job).model_copy(update={"quantities": others})
         self._equations = Equations(self._job, equations.body, equations.timings, equations)
         self._fields = solution.fields
+        self._point_fields: PointFields | None = None
+        self._places = check_points(self._quantities, self._body)
         weak_form = equations.weak_form("inverse")
         equations.put(solution)
         self._pairs: list[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
@@ -112,14 +113,16 @@ class PressedBodies:
         self._fields = solution.fields
         near, changes = self._linearised(equilibrium, solution, pressures)
         equations.release(equilibrium)
-        values = evaluate(self._quantities, self._body, solution, equations)
+        if self._point_fields is None:
+            self._point_fields = fields_for(self._quantities, self._body, equations.weak_form("inverse"), self._scales)
+        equations.put(solution)
+        values = values_of(self._quantities, self._body, solution, self._point_fields, self._places)
         own_values, own_slopes = self._of_interfaces(near)
         return Pressed(
             {q.name: float(values[q.name]) for q in self._quantities} | own_values,  # type: ignore[arg-type]
             self._slopes(solution, changes) | own_slopes,
             near,
             solution.other_nodes,
-            -np.array([change.u for _, change in changes]),
         )
 
     def _slopes(self, solution: Solution, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, Floats]:
@@ -128,7 +131,7 @@ class PressedBodies:
         for quantity in filter(is_of_positions, self._quantities):
             found[quantity.name] = position_slopes(quantity, self._body, solution, rates)
         if self._job.quantities:
-            derivatives = slopes(self._equations, solution, changes)
+            derivatives = slopes(self._equations, solution, changes, self._point_fields)
             for name, by_key in derivatives.items():
                 found[name] = np.array([by_key[parameter.key] for parameter, _ in changes], dtype=np.float64)
         return found

@@ -32,6 +32,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.constraint_report import ConstraintReport
 from hpcinv.model.parameters import ParameterDirection
 from hpcinv.model.state import State
+from hpcinv.results.point_fields import PointFields
 from hpcinv.results.quantities_of_interest import carried, check_points, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -87,16 +88,22 @@ class Change:
 
 
 def slopes(
-    equations: Equations, solution: Solution, changes: Sequence[tuple[Parameter, Change]]
+    equations: Equations,
+    solution: Solution,
+    changes: Sequence[tuple[Parameter, Change]],
+    fields: PointFields | None = None,
 ) -> dict[str, dict[str, QuantityValue]]:
     """Return derivatives (SI) of each quantity of interest, without reactions, by the parameters' keys.
 
     Collective.
+
+    Args:
+        fields: that the quantities need; made if they are not given, which takes longer than a value.
     """
     equations.put(solution)
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
-    fields = fields_for(quantities, body, weak_form, equations.scales)
+    fields = fields or fields_for(quantities, body, weak_form, equations.scales)
     located = check_points(quantities, body)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
