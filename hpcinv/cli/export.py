@@ -158,7 +158,7 @@ def _export_copy(options: argparse.Namespace) -> int:
     from hpcinv.base.files.atomic import write_output
     from hpcinv.base.reading.door import admitted
     from hpcinv.errors import MeshError
-    from hpcinv.formats.writers.moved_inp import moved_deck
+    from hpcinv.formats.cards.moved_inp import moved_deck
     from hpcinv.geometry.workshop.run_shapes import read_shape
     from hpcinv.output.run_directory import RunDirectory
 

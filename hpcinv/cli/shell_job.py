@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER
 from hpcinv.base.quantity.units import as_float, parse_unit
+from hpcinv.base.reading.mesh_format import INNER, OUTER
 from hpcinv.cli.file_job import FileJob
 from hpcinv.formats.cards.card import Card, CardError, UnknownLaw
 from hpcinv.formats.cards.deck import Axes, Deck, Measure, NodalForces, ShellSection, layer_name

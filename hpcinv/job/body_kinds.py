@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hpcinv.base.mesh_formats import SAVED
-from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER, Groups
+from hpcinv.base.reading.mesh_format import INNER, OUTER, Groups
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from pydantic import (
 
 from hpcinv.base.files.names import FilePath, is_file
 from hpcinv.base.files.untrusted import applies
-from hpcinv.base.mesh_formats.mesh_format import Groups
 from hpcinv.base.quantity.expressions import Expression, faults
 from hpcinv.base.quantity.keys import JobKey, assigned
 from hpcinv.base.quantity.plugins import fault_of_plugin, load_file
@@ -43,6 +42,7 @@ from hpcinv.base.quantity.schema import (
     shown,
 )
 from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
+from hpcinv.base.reading.mesh_format import Groups
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.base.updates import UPDATES
 from hpcinv.errors import JobError

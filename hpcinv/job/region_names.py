@@ -10,9 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from hpcinv.base.mesh_formats import FORMATS
-from hpcinv.base.mesh_formats.mesh_format import Groups
 from hpcinv.base.quantity.schema import KeyPath
 from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.base.reading.mesh_format import Groups
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.job.body_kinds import SOLID, BodyKind

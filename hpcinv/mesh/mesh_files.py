@@ -10,8 +10,8 @@ import numpy as np
 
 from hpcinv.base.files.atomic import take_permissions
 from hpcinv.base.mesh_formats import FORMATS
-from hpcinv.base.mesh_formats.mesh_format import loaded
 from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.reading.mesh_format import loaded
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import OutputError
 from hpcinv.mesh.body import Body, reorder_to_source, source_node_values, values_on_cells

@@ -20,10 +20,10 @@ from typing import NoReturn
 
 import numpy as np
 
-from hpcinv.base.mesh_formats.mesh_format import INNER, OUTER
 from hpcinv.base.quantity.locations import KeyPath
 from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import readable
+from hpcinv.base.reading.mesh_format import INNER, OUTER
 from hpcinv.errors import MeshError
 from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.sections import ArrayLabels, MeshSpec, Shell

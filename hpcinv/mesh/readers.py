@@ -12,8 +12,8 @@ from typing import Any
 
 from hpcinv.base.files.inputs import recorded_inputs
 from hpcinv.base.mesh_formats import FORMATS, check_untrusted
-from hpcinv.base.mesh_formats.mesh_format import MeshFormat, loaded
 from hpcinv.base.reading.door import admitted, trusted
+from hpcinv.base.reading.mesh_format import MeshFormat, loaded
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.job.mesh_generators import ParameterValue

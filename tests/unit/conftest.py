@@ -60,7 +60,7 @@ def same_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def read_here(action: str, path: Path, *_: str) -> Any:
         try:
-            return isolated_reader.ACTIONS[action](path, isolated_reader.Limits(0, 0))
+            return isolated_reader.action_of(action)(path, isolated_reader.Limits(0, 0))
         except Fault as fault:
             raise MeshError(f"{path}: {fault.text}", fault.advice) from None
 

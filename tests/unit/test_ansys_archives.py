@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from hpcinv.base.reading.cdb_files import read_cdb
 from hpcinv.formats.cards import ansys
 from hpcinv.formats.cards.ansys_deck import read_deck
+from hpcinv.formats.cdb import read_cdb
 
 POINTS = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 

@@ -12,11 +12,11 @@ from helpers.mesh_cases import spec
 from hpcinv.base.reading.bdf_files import read_bdf
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.inp_files import read_inp
-from hpcinv.base.reading.med_files import read_med
-from hpcinv.base.reading.medit_files import read_medit
-from hpcinv.base.reading.unv_files import read_unv
 from hpcinv.errors import MeshError
+from hpcinv.formats.med import read_med
+from hpcinv.formats.medit import read_medit
 from hpcinv.formats.readers.elements import _source_of_elements
+from hpcinv.formats.unv import read_unv
 from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource

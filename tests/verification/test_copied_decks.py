@@ -11,7 +11,7 @@ import yaml
 
 from hpcinv.__main__ import main
 from hpcinv.errors import MeshError
-from hpcinv.formats.writers.moved_inp import moved_deck
+from hpcinv.formats.cards.moved_inp import moved_deck
 from hpcinv.studies.second_opinion.calculix import command, displacements
 
 DECK = """** a foot of rubber, as scanned

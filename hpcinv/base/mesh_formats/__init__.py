@@ -7,10 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from hpcinv.base.files.untrusted import image_fault
-from hpcinv.base.mesh_formats.mesh_format import MeshFormat
 from hpcinv.base.quantity.schema import import_modules
 from hpcinv.base.reading.door import REFUSED, is_asked, path_fault
 from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.mesh_format import MeshFormat
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 

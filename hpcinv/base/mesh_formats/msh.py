@@ -4,8 +4,8 @@ import mmap
 import re
 from pathlib import Path
 
-from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.mesh_format import Groups, MeshFormat
 
 _HEADERS = (b"$MeshFormat", b"$Comments", b"$NOD")
 """First lines of MSH 2 and 4, the same after a comment, and MSH 1."""

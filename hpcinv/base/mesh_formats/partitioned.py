@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.mesh_formats.partitioned_header import HEADER, SUFFIX, read_header
 from hpcinv.base.reading.door import REFUSED
+from hpcinv.base.reading.mesh_format import Groups, MeshFormat
 
 
 class Partitioned(MeshFormat):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
+from hpcinv.base.reading.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.vtk_headers import END, elements_of
 
 REGION = "region:"

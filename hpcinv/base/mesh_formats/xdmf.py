@@ -4,8 +4,8 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from hpcinv.base.mesh_formats.mesh_format import Groups, MeshFormat
 from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.mesh_format import Groups, MeshFormat
 
 _LARGEST = 8 * 2**20
 """bytes of a file that is searched for names; raised, ``validate`` may take seconds"""

@@ -55,7 +55,7 @@ def _reader(module: str, function: str) -> _Action:
 
     def read(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
         call: Callable[[Path], tuple[dict[str, Any], dict[str, Any]]]
-        call = getattr(importlib.import_module(f"hpcinv.base.reading.{module}"), function)
+        call = getattr(importlib.import_module(f"hpcinv.{module}"), function)
         limit(limits)
         return call(path)
 
@@ -116,23 +116,23 @@ def _image(path: Path, limits: Limits) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 ACTIONS: dict[str, _Action] = {
-    "msh": _reader("gmsh_mesh", "read_msh"),
+    "msh": _reader("base.reading.gmsh_mesh", "read_msh"),
     "vtu": _vtu,
-    "cad": _reader("cad_files", "read_cad"),
-    "inp": _reader("inp_files", "read_inp"),
-    "inp-shells": _reader("inp_files", "read_inp_shells"),
-    "feb": _reader("feb_files", "read_feb"),
-    "cdb": _reader("cdb_files", "read_cdb"),
-    "bdf": _reader("bdf_files", "read_bdf"),
-    "unv": _reader("unv_files", "read_unv"),
-    "medit": _reader("medit_files", "read_medit"),
-    "med": _reader("med_files", "read_med"),
-    "exodus": _reader("exodus_files", "read_exodus"),
+    "cad": _reader("base.reading.cad_files", "read_cad"),
+    "inp": _reader("base.reading.inp_files", "read_inp"),
+    "inp-shells": _reader("base.reading.inp_files", "read_inp_shells"),
+    "feb": _reader("base.reading.feb_files", "read_feb"),
+    "bdf": _reader("base.reading.bdf_files", "read_bdf"),
     "vtk": _vtk,
     "image": _image,
     "surface": _surface,
-    **{action: _reader("deck_includes", function.__name__) for action, function in FUNCTIONS.items()},
+    **{action: _reader("base.reading.deck_includes", function.__name__) for action, function in FUNCTIONS.items()},
 }
+
+
+def action_of(name: str) -> _Action:
+    """Return an action: one of this program, or ``read_NAME`` of the format in ``hpcinv/formats/NAME.py``."""
+    return ACTIONS[name] if name in ACTIONS else _reader(f"formats.{name}", f"read_{name}")
 
 
 def _unpacked(path: Path, limits: Limits) -> Path:
@@ -177,7 +177,7 @@ def _content(action: str, path: Path, limits: Limits) -> tuple[dict[str, Any], d
     """Return what an action finds in a file; or what is wrong with it, as ``fault``."""
     try:
         check_regular(path)
-        return ACTIONS[action](path, limits)
+        return action_of(action)(path, limits)
     except Refused as refused:
         name = "" if refused.path == path else f"names '{shown(str(refused.path))}', which "
         fault = [f"{name}{refused.text}", "", False]

@@ -1,11 +1,15 @@
 """Nodes, solid elements and sets that a file names by numbers, as arrays of rows; what does not fit is a fault."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.reading.fault import Fault, shown
+from hpcinv.base.reading.later import Later
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = Later("numpy")
 
 type Sets = Mapping[str, Sequence[Any]]
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.base.mesh_formats.mesh_format import OF_NODES
 from hpcinv.base.reading.inp_files import FACES
+from hpcinv.base.reading.mesh_format import OF_NODES
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count
 from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside

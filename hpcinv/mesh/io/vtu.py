@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.base.mesh_formats.mesh_format import MeshArrays
 from hpcinv.base.mesh_formats.vtu import REGION
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.mesh_format import MeshArrays
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import EDGE_KIND, FACET_KIND, degree_of, no_cells, vertex_count, vtk_order
 from hpcinv.mesh.facet_groups import facets_of_cells

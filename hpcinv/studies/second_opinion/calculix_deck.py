@@ -15,8 +15,8 @@ from hpcinv.base.files.atomic import write_output
 from hpcinv.errors import JobError, OutputError
 from hpcinv.formats.cards import abaqus
 from hpcinv.formats.cards.card import Values
+from hpcinv.formats.inp import number
 from hpcinv.formats.readers.elements import elements_of, faces_of
-from hpcinv.formats.writers.inp import number
 from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.physics.materials import MaterialLaw

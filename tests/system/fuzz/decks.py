@@ -29,8 +29,8 @@ from hpcinv.base.reading import isolated_reader
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError
+from hpcinv.formats import feb
 from hpcinv.formats.readers import elements, shell_surfaces
-from hpcinv.formats.writers import feb
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.readers import FILES
 
@@ -319,7 +319,7 @@ def _read_in_this_process() -> None:
 
     def read(action: str, path: Path, *_: str) -> Any:
         try:
-            head, arrays = isolated_reader.ACTIONS[action](path, isolated_reader.Limits(0, 0))
+            head, arrays = isolated_reader.action_of(action)(path, isolated_reader.Limits(0, 0))
         except Fault as fault:
             raise MeshError(f"{path}: {fault.text}", fault.advice) from None
         LAST_CELLS.append(len(arrays["cell_tags"]))

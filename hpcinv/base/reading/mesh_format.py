@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 if TYPE_CHECKING:
-    from hpcinv.base.quantity.arrays import Floats, Ints
+    import numpy as np
+    import numpy.typing as npt
 
+    type Floats = npt.NDArray[np.float64]
+    type Ints = npt.NDArray[np.int64]
 
 OUTER, INNER = "outer", "inner"
 """regions of the faces of a shell: the outer one is on the side of its normal"""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from hpcinv.base.reading.abaqus_keywords import Keyword, keywords
 from hpcinv.errors import MeshError
-from hpcinv.formats.writers.inp import number
+from hpcinv.formats.inp import number
 
 _FROM_OTHERS = ("NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "INCLUDE")
 """keywords by which nodes or coordinates follow from others, or are in another file"""

@@ -1,1 +1,0 @@
-"""Writers of mesh files for other programs."""
