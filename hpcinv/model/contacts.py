@@ -51,8 +51,8 @@ class FrictionReport:
         coefficient: as given.
         sliding_area: area that carries pressure and slides in the last load step, in m².
         energy_lost: by sliding in all load steps, in J.
-        worst: number of the function whose traction exceeds friction most; largest, allowed: its traction, and what
-            friction allows there, in Pa.
+        place: node of the given mesh (m) where the traction exceeds friction most, or is nearest to it; largest,
+            allowed: its traction, and what friction allows there, in Pa.
         tractions: components of the tangential traction on the first surface, in Pa.
         slips: components of the slip of the second surface on the first in the last load step, in m.
         state: 0 open, 1 sticks, 2 slides.
@@ -61,7 +61,7 @@ class FrictionReport:
     coefficient: float
     sliding_area: float
     energy_lost: float
-    worst: int
+    place: tuple[float, float, float]
     largest: float
     allowed: float
     tractions: tuple[fem.Function, ...]

@@ -51,10 +51,13 @@ def _contact(contact: Mapping[str, Any], symbols: Mapping[str, str]) -> str:
     penetration = f"penetration at most {as_shown(contact['penetration'], 'm', symbols)}"
     if contact["tolerance"]:
         penetration += f" (tolerated: {as_shown(contact['tolerance'], 'm', symbols)})"
+    friction = ""
+    if rough := contact.get("friction"):
+        friction = f" {_number(rough['sliding_area'])} m² slide, {as_shown(rough['energy_lost'], 'J', symbols)} lost;"
     return (
         f"  {contact['effect']} contact on '{contact['region']}': force"
         f" {as_shown(contact['force'], 'N', symbols)}, area {_number(contact['area'])} m², largest pressure"
-        f" {as_shown(contact['largest_pressure'], 'Pa', symbols)}, {penetration};"
+        f" {as_shown(contact['largest_pressure'], 'Pa', symbols)}, {penetration};{friction}"
         f" {contact['assumption']}"
     )
 

@@ -16,6 +16,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.interfaces.surface_rotations import surface_rotations
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.certificate.check import Line, Verdict
 
 CLAMP = {"region": "z0", "fix": ["x", "y", "z"]}
 GIVEN: dict[str, Any] = {
@@ -50,7 +51,7 @@ def test_a_free_block_sticks_to_a_ramp_and_friction_carries_its_weight(comm: MPI
     tilt = np.deg2rad(15)
     weight = 0.2 * np.array([np.sin(tilt), 0, -np.cos(tilt)])
     gravity = {"effect": "gravity", "acceleration": weight.tolist(), "density": 1.0}
-    solution = solved(comm, {"friction": 0.6}, mesh=blocks(lower=2, upper=3), effects=[gravity]).solutions[0]
+    solution = solved(comm, {"friction": 0.6}, mesh=blocks(lower=1, upper=2), effects=[gravity]).solutions[0]
     (contact,) = solution.contacts
     assert contact.force == pytest.approx(tuple(-0.2 * weight), abs=1e-9)
     assert contact.friction is not None
@@ -63,7 +64,7 @@ def test_a_free_block_sticks_to_a_ramp_and_friction_carries_its_weight(comm: MPI
 
 @pytest.mark.parametrize(
     ("first", "hexahedra"),
-    [("bottom", False), ("top", True), pytest.param("top", False, marks=pytest.mark.release)],
+    [("bottom", False), *(pytest.param("top", hexahedra, marks=pytest.mark.release) for hexahedra in (True, False))],
 )
 def test_a_dragged_block_loses_friction_times_its_way(comm: MPI.Intracomm, first: str, hexahedra: bool) -> None:
     """The block is pressed on at first, then dragged by 10 cm. The surfaces tilt by less than 0.001."""
@@ -174,6 +175,36 @@ def test_friction_of_a_forward_solve_closes(comm: MPI.Intracomm) -> None:
     assert there.friction is not None
     assert there.friction.sliding_area > 0
     assert back.force == pytest.approx(there.force, abs=1e-12)
+
+
+def line_on_friction(comm: MPI.Intracomm, closure: str) -> Line:
+    data = DRAGGED | {"analysis": "inverse", "certificate": {"level": "quick"}}
+    certificate = solved(comm, {"friction": FRICTION, "closure": closure}, **data).certificate
+    assert certificate is not None
+    assert next(line for line in certificate.lines if "equilibrium" in line.name).verdict is Verdict.PASS
+    (line,) = (line for line in certificate.lines if line.name == "friction on 'bottom'")
+    return line
+
+
+def test_certificate_warns_of_sticking_that_needs_more_than_friction(comm: MPI.Intracomm) -> None:
+    sticks, slides = (line_on_friction(comm, closure) for closure in ("stick", "coulomb"))
+    assert sticks.verdict is Verdict.WARN
+    assert sticks.value is not None
+    assert sticks.value > 1.5
+    assert "surfaces that stick need" in sticks.note
+    assert slides.verdict is Verdict.PASS
+    assert slides.value == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_path_of_several_steps_is_known_to_the_certificate(comm: MPI.Intracomm) -> None:
+    """Its lines put the solution, whose slip began with the step before."""
+    solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 2}
+    checked = {"level": "quick", "round_trip": "near"}
+    data = DRAGGED | {"analysis": "forward", "certificate": checked, "solver": solver}
+    certificate = solved(comm, {"friction": FRICTION}, **data).certificate
+    assert certificate is not None
+    assert next(line for line in certificate.lines if "equilibrium" in line.name).verdict is Verdict.PASS
+    assert next(line for line in certificate.lines if "round trip" in line.name).verdict is Verdict.PASS
 
 
 @pytest.mark.parametrize(

@@ -105,24 +105,32 @@ class InterfaceReports:
     # Friction.
 
     def friction(
-        self, friction: Friction, found: Tractions, pressures: Floats, areas: Floats, area: float, scales: Scales
+        self,
+        friction: Friction,
+        found: Tractions,
+        pressures: Floats,
+        jump: Jump,
+        place_of: Callable[[int], Floats],
+        scales: Scales,
     ) -> FrictionReport:
         """Return a report of friction; collective.
 
         Args:
-            areas: of the functions; area: of their segments.
+            jump: where the forces act.
+            place_of: returns the place (m) of the node of a function.
         """
         sizes = np.linalg.norm(found.vectors, axis=1)
         slides = found.sliding & (pressures > 0)
-        shares = areas / max(float(areas.sum()), np.finfo(float).tiny)
+        shares = jump.areas / max(float(jump.areas.sum()), np.finfo(float).tiny)
         state = np.where(pressures > 0, np.where(slides, SLIDES, STICKS), OPEN)
-        excess = np.where(areas > 0, sizes - self.spec.friction * pressures, -np.inf)
+        excess = np.where(jump.areas > 0, sizes - self.spec.friction * pressures, -np.inf)
         worst = int(excess.argmax())
+        place = place_of(worst)
         return FrictionReport(
             coefficient=self.spec.friction,
-            sliding_area=area * float(shares[slides].sum()) * scales.length**2,
+            sliding_area=jump.area * float(shares[slides].sum()) * scales.length**2,
             energy_lost=friction.energy(found, pressures) * scales.stress * scales.length**3,
-            worst=worst,
+            place=(float(place[0]), float(place[1]), float(place[2])),
             largest=float(sizes[worst]) * scales.stress,
             allowed=self.spec.friction * float(pressures[worst]) * scales.stress,
             tractions=self._components("friction", -found.vectors * scales.stress),

@@ -38,13 +38,11 @@ from hpcinv.model.interfaces.kinds import LAWS
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
 from hpcinv.model.interfaces.node_gaps import NodeGaps
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
-from hpcinv.model.interfaces.refused_surfaces import refuse_overlap, refuse_surfaces
+from hpcinv.model.interfaces.refused_surfaces import check_overlap, refuse_surfaces
 from hpcinv.model.interfaces.segments import segments
 from hpcinv.model.spaces import Unknowns
 
 _DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
-_OVERLAP = 2.0**-6
-"""Overlap of unloaded bodies in contact that is refused, in lengths of the body."""
 _ROUNDED = 2.0**-26
 """Overlap up to which the pressure of contact is rounded, in lengths of the body. Lowered, nodes that barely touch go
 in and out of contact; raised, bodies that only touch press on each other."""
@@ -438,11 +436,14 @@ class SurfacePair:
         Raises:
             MeshError: on all ranks, if bodies in contact overlap.
         """
-        is_free = self._law.pulls or self._sign < 0
-        if not is_free and self._given.gaps.min(initial=0.0) < -_OVERLAP * self._body.length:
-            first = self._first.at(self._body.given_nodes)
-            gaps = self._given.gaps * self._body.length_scale
-            refuse_overlap(self.where, self.spec, self._names, gaps, first, self._comm)
+        if not self._law.pulls and self._sign > 0:
+            check_overlap(self.where, self.spec, self._given.gaps, self._body, self._place_of)
+
+    def _place_of(self, number: int) -> Floats:
+        """Return the place (m) of the node of a function in the given mesh, on all ranks."""
+        first, name = self._first.at(self._body.given_nodes), self._names[number]
+        found = [first.points[row, k] for row, k in np.argwhere(first.nodes == name)[:1]]
+        return next(place for places in self._comm.allgather(found) for place in places)
 
     def restore(self, report: ContactReport, scales: Scales, transfer: Callable[[fem.Function], fem.Function]) -> None:
         """Set the multipliers to a solution's, and slip to the solution's in the state that is put next."""
@@ -460,10 +461,8 @@ class SurfacePair:
             self.locate(measures=True)  # no update has measured the gaps there
         jump, tractions = self._force_jump, self._tractions()[0]
         frictions = [
-            self.reports.friction(
-                friction, friction.tractions(self._u, tractions), tractions, jump.areas, jump.area, scales
-            )
-            for friction in self._frictions
+            self.reports.friction(f, f.tractions(self._u, tractions), tractions, jump, self._place_of, scales)
+            for f in self._frictions
         ]
         return self.reports.made(
             jump,

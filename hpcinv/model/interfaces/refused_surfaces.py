@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NoReturn
 
 import numpy as np
@@ -9,9 +10,13 @@ import numpy as np
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface
-from hpcinv.mesh.source import Floats, Ints
+from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats
 from hpcinv.model.interfaces.facets import Facets
 from hpcinv.model.interfaces.segments import segments
+
+_OVERLAP = 2.0**-6
+"""Overlap of unloaded bodies in contact that is refused, in lengths of the body."""
 
 
 def refuse_surfaces(
@@ -38,20 +43,18 @@ def refuse_surfaces(
     )
 
 
-def refuse_overlap(
-    where: str, spec: Interface, names: Ints, gaps: Floats, first: Facets, comm: MPI.Intracomm
-) -> NoReturn:
-    """Raise an error about unloaded bodies that overlap; collective.
+def check_overlap(where: str, spec: Interface, gaps: Floats, body: Body, place_of: Callable[[int], Floats]) -> None:
+    """Raise an error if unloaded bodies overlap; collective.
 
     Args:
-        names: global numbers of the nodes with these gaps (m), on all ranks.
-        first: facets of the first surface on this rank, in m.
+        gaps: of the functions, scaled, on all ranks.
+        place_of: returns the place (m) of the node of a function.
     """
-    (a, b), worst = spec.between, int(gaps.argmin())
-    found = [first.points[row, k] for row, k in np.argwhere(first.nodes == names[worst])[:1]]
-    place = next(part for parts in comm.allgather(found) for part in parts)
+    if gaps.min(initial=0.0) >= -_OVERLAP * body.length:
+        return
+    worst, (a, b) = int(gaps.argmin()), spec.between
     raise MeshError(
-        f"{where}.between: '{a}' and '{b}' of the unloaded bodies overlap by"
-        f" {-gaps[worst]:.3g} m at ({', '.join(f'{c:.4g}' for c in place + 0.0)}) m",
+        f"{where}.between: '{a}' and '{b}' of the unloaded bodies overlap by {-gaps[worst] * body.length_scale:.3g} m"
+        f" at ({', '.join(f'{c:.4g}' for c in place_of(worst) + 0.0)}) m",
         "Move the bodies apart; a motion of a support may press them together.",
     )
