@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from hpcinv.former_names import find_former_names
 from hpcinv.version import __version__
 
 if TYPE_CHECKING:
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
 __all__ = ["Job", "__version__", "load", "run", "sweep"]
 
 _HOME = {"Job": "hpcinv.job.job", "load": "hpcinv.job.job", "run": "hpcinv.interface"}  # imported when first asked for
-
-
-find_former_names()
 
 
 def __getattr__(name: str) -> Any:

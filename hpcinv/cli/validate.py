@@ -11,9 +11,9 @@ from hpcinv.base.quantity.schema import Spec
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
 from hpcinv.job.job import Job, check_files, json_schema, load
-from hpcinv.job.kind_of_file import is_study, is_sweep
 from hpcinv.job.mesh_contents import LARGEST
 from hpcinv.job.plausibility import doubtful_moduli
+from hpcinv.job.yaml_reader import is_study, is_sweep
 
 
 def add_validate(commands: Any) -> None:

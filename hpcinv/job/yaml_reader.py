@@ -281,3 +281,13 @@ def _not_allowed(event: Any) -> _YamlFault:
 
 def _short(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_study(path: Path) -> bool:
+    """Return whether a file is a study rather than a job; raises ``JobError`` if it cannot be read."""
+    return "series" in read_yaml(path)
+
+
+def is_sweep(path: Path) -> bool:
+    """Return whether a file is a sweep rather than a job or a study; raises ``JobError`` if it cannot be read."""
+    return "axes" in read_yaml(path)

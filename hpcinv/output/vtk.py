@@ -6,12 +6,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from dolfinx import fem
+
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
 import basix.ufl
-import numpy as np
-from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, components_of
@@ -19,11 +20,11 @@ from hpcinv.errors import OutputError
 from hpcinv.job.body_kinds import SHELL
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
-from hpcinv.mesh.cells import vtk_order
-from hpcinv.mesh.file_numbers import cell_numbers, node_numbers
+from hpcinv.mesh.cells import scalar_element, vtk_order
+from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.output.surfaces.gathering import error_in
 from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
@@ -257,3 +258,29 @@ def _stresses(stress: Floats, suffix: str = "") -> Iterator[Array]:
         yield Array(f"{name}{suffix}", np.asarray(values).astype(np.float32), "Pa")
     values = np.linalg.eigvalsh((tensors + tensors.transpose(0, 2, 1)) / 2)[:, ::-1]
     yield Array(f"principal_stress{suffix}", values.astype(np.float32), "Pa")
+
+
+def cell_numbers(body: Body) -> Ints:
+    """Return the numbers of the local cells in the file, in the surface of a shell, (cells,); collective."""
+    source = body.source
+    rows = Rows.distributed(body.mesh.comm, len(source.cells))
+    numbers = np.resize(source.in_file.cell_tags, len(source.cells))
+    return rows.fetch(numbers[:, None], np.asarray(body.mesh.topology.original_cell_index))[:, 0]
+
+
+def node_numbers(body: Body, space: fem.FunctionSpace) -> Ints:
+    """Return the numbers in the file of the local nodes of a scalar Lagrange space; collective.
+
+    Nodes that the file does not have are 0. The nodes of a shell have the number of their node of the surface.
+    """
+    source, geometry = body.source, body.source_geometry
+    numbers = np.resize(source.in_file.node_tags, len(source.points))
+    rows = Rows.distributed(body.mesh.comm, len(source.points))
+    source_numbers = rows.fetch(numbers[:, None], geometry.input_global_indices)[:, 0]
+    places, own = space.element.basix_element.points, scalar_element(source.kind, source.degree).points
+    distances = np.abs(places[:, None] - own).max(axis=2)
+    node, point = np.nonzero(distances < 1e-9)
+    dofs = space.dofmap.list
+    result: Ints = np.zeros(space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts, dtype=np.int64)
+    result[dofs[:, node]] = source_numbers[geometry.dofmaps[0][:, point]]
+    return result

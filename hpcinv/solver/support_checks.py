@@ -19,12 +19,12 @@ from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import sub_entities, vertex_count
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, nearest_name, unsprung_basis
 from hpcinv.model.supports import Holder, Prescribed, Supports
-from hpcinv.solver.joined_parts import joined_parts
 from hpcinv.solver.spring_stiffness import stiffness_of
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
@@ -305,3 +305,24 @@ def _are_flat(body: Body, facets: LocalIndices, areas: Floats) -> npt.NDArray[np
     nodes = body.mesh.geometry.x[entities_to_geometry(body.mesh, 2, facets)]
     heights = np.einsum("fni,fi->fn", nodes - nodes[:, :1], areas)
     return np.asarray(np.abs(heights).max(axis=1) <= _FLAT * np.linalg.norm(areas, axis=1) ** 1.5)
+
+
+def joined_parts(body: Body, interfaces: Sequence[Interface], count: int, labels: Ints) -> tuple[int, Ints]:
+    """Return number and labels of the parts that are left if those on both sides of interfaces are one; collective.
+
+    Args:
+        count, labels: parts that share no node, as `parts_of` returns them.
+    """
+    pairs = list[tuple[int, int]]()
+    for interface in interfaces:
+        found = np.concatenate([_labels(body, labels, name) for name in sides_of(body, interface.between)])
+        everywhere = np.unique(np.concatenate(body.mesh.comm.allgather(found)))
+        pairs += [(int(everywhere[0]), int(other)) for other in everywhere[1:]]
+    joints = np.array([*pairs, *((part, part) for part in range(count))], dtype=np.int64)
+    _, numbers = np.unique(connected(joints, count)[-count:], return_inverse=True)
+    return int(numbers.max()) + 1, numbers[labels]
+
+
+def _labels(body: Body, labels: Ints, region: str) -> Ints:
+    links = body.mesh.topology.connectivity(2, 3)
+    return np.array([labels[links.links(facet)[0]] for facet in body.facets(region)], dtype=np.int64)

@@ -18,8 +18,7 @@ from pydantic import ValidationError
 import hpcinv
 from hpcinv.base.quantity.schema import problems_in
 from hpcinv.job.job import Job, json_schema
-from hpcinv.job.kind_of_file import is_study, is_sweep
-from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.job.yaml_reader import is_study, is_sweep, read_yaml
 from hpcinv.physics.effects.effect import Direction, Effect
 from hpcinv.studies.study.study_plan import load_study
 from hpcinv.studies.sweep.sweep_plan import load_sweep

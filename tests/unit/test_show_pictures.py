@@ -12,8 +12,7 @@ from helpers.verification import box, job
 
 from hpcinv.output.surfaces.boundary_surface import Boundary
 from hpcinv.pages.pictures import job_picture
-from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, pixel_size
-from hpcinv.pages.pictures.scale_bar import draw_bar, round_length
+from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, draw_bar, pixel_size, round_length
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
 FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])

@@ -16,8 +16,7 @@ from hpcinv.errors import MeshError
 from hpcinv.geometry.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.geometry.imaging.closed_surface import fill
 from hpcinv.geometry.imaging.curved_cells import SmoothBoundary, curved
-from hpcinv.geometry.imaging.given_surface import GivenSurface
-from hpcinv.geometry.imaging.label_boundary import GOOD, ROUGH, Memberships, smoothed
+from hpcinv.geometry.imaging.label_boundary import GOOD, ROUGH, Memberships, limit_steps, smoothed
 from hpcinv.geometry.imaging.label_image import LabelImage, read_labels
 from hpcinv.geometry.imaging.lattice import Lattice, drop_outside, interfaces, lattice_of
 from hpcinv.geometry.imaging.mesh_report import report_distance, report_mesh, report_sizes
@@ -362,3 +361,23 @@ def _groups(
             groups += [Group(name, 2, tag, members)] if len(members) else []
     cut = np.flatnonzero(is_cut)
     return (*groups, *([Group(CUT, 2, tag + 1, cut)] if len(cut) else []))
+
+
+@dataclass(frozen=True)
+class GivenSurface:
+    """The triangles from which a body was filled with voxels.
+
+    Attributes:
+        surface: all triangles, in m from the first voxel's middle.
+        memberships: of the voxels, which determine on which side a label is.
+    """
+
+    surface: pyvista.PolyData
+    memberships: Memberships
+
+    def nearest(self, points: Floats, lower: Ints, upper: Ints, reach: float) -> tuple[Floats, Floats]:
+        """Points (n, 3) of the surface nearest to the given ones, at most ``reach`` (m) away, and normals (n, 3) from
+        label ``upper`` into ``lower``."""
+        _, normals = self.memberships.nearest(points, lower, upper, reach)
+        _, closest = self.surface.find_closest_cell(points, return_closest_point=True)
+        return limit_steps(points, np.reshape(closest, (-1, 3)), reach), normals

@@ -6,8 +6,9 @@ each takes a tenth of the time or less, and from the solution there, at full loa
 Source: Hackbusch, *Multi-Grid Methods and Applications*, 1985, ch. 5, doi:10.1007/978-3-662-02427-0.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +19,11 @@ from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import resolution_of
-from hpcinv.mesh.coarser import coarser_body
+from hpcinv.job.region_rules import RegionRule
+from hpcinv.job.sections import MeshSpec
+from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
+from hpcinv.mesh.source import MeshSource
 from hpcinv.model.assembly.tangent import tangents_for
 from hpcinv.model.outcome import Outcome
 from hpcinv.physics.effects import Direction
@@ -217,3 +221,36 @@ def _layers(
         dofs = np.unique(space.dofmap.list[layers == layer])
         is_in_layer = given == layer
         yield dofs[dofs < owned], is_in_layer if is_in_layer.any() else None
+
+
+def coarser_body(
+    body: Body,
+    spec: MeshSpec,
+    regions: Mapping[str, RegionRule],
+    *,
+    resolve: Callable[[str], Path],
+    size_factor: float,
+    most: float,
+) -> Body:
+    """Return the body on cells larger by a factor, by gmsh's ``Mesh.MeshSizeFactor``; collective.
+
+    Args:
+        spec: mesh of the job, from a generator.
+        resolve: makes the path in the job one that can be opened.
+        most: largest number of cells, as a share of the cells of ``body``.
+
+    Raises:
+        MeshError: the same on every rank: the generator makes no such mesh, or not an admissible one.
+    """
+    comm, sources = body.mesh.comm, list[MeshSource]()
+    cells = sum(body.partition.cells)
+
+    def read_on_root() -> None:
+        source = read_source(spec, resolve(spec.file), size_factor=size_factor)
+        if len(source.cells) > most * cells:
+            raise MeshError(f"its generator makes {len(source.cells):,} coarser cells instead of {cells:,}")
+        sources.append(source)
+
+    on_root(comm, read_on_root)
+    coarse_source = sources[0] if sources else None
+    return build_body(spec, regions, comm, resolve=resolve, degree=body.degree, replacement=coarse_source)
