@@ -35,7 +35,7 @@ def test_gaps_at_nodes_and_their_rates_are_exact(comm: MPI.Intracomm) -> None:
     equations, pair = equations_of(comm, gap=0.1)
     unknowns, state = equations.unknowns, equations.unknowns.state.x
     length = equations.body.length_scale
-    here: NodeGaps = pair.unloaded_gaps()
+    here: NodeGaps = pair.node_gaps(loaded=False)
     assert len(here.gaps) == 9 + 4
     assert here.gaps * length == pytest.approx(0.1, abs=1e-12)
     assert np.ptp(here.points[:, 2] * length) == pytest.approx(0.1)
@@ -45,7 +45,7 @@ def test_gaps_at_nodes_and_their_rates_are_exact(comm: MPI.Intracomm) -> None:
     field.interpolate(lambda x: np.stack([0 * x[0], 0 * x[0], -1e-3 * x[2] * (1 + x[0])]))
     state.array[dofs] = field.x.array.reshape(-1, 3)[: len(dofs)]
     rates = here.rates(state.petsc_vec)
-    there = pair.unloaded_gaps()
+    there = pair.node_gaps(loaded=False)
     assert there.gaps - here.gaps == pytest.approx(-rates, abs=2e-6)
     assert np.abs(rates).min() > 4e-5
     for gaps in (here, there):
@@ -55,7 +55,7 @@ def test_gaps_at_nodes_and_their_rates_are_exact(comm: MPI.Intracomm) -> None:
 def test_nodes_overlap_where_the_mean_around_them_does_not(comm: MPI.Intracomm) -> None:
     """The lower face of the upper block is a paraboloid, whose lowest node is 1 mm below the flat face."""
     equations, pair = equations_of(comm, gap=-1e-3, crown=0.4)
-    gaps = pair.unloaded_gaps()
+    gaps = pair.node_gaps(loaded=False)
     assert gaps.gaps.min() * equations.body.length_scale == pytest.approx(-1e-3, abs=1e-4)
     assert pair._given.gaps.min() > 0
     gaps.destroy()

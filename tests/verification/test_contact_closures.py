@@ -12,8 +12,9 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.output.result import Result
+from hpcinv.trust.certificate import Verdict
 
-BLOCKS = {"file": "../meshes/two_blocks.py", "parameters": {"lower": 1, "upper": 2}}
+BLOCKS: dict[str, Any] = {"file": "../meshes/two_blocks.py", "parameters": {"lower": 1, "upper": 2}}
 GIVEN: dict[str, Any] = {
     "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
     "solver": {"tolerance": 1e-12},
@@ -43,6 +44,30 @@ def test_unloaded_bodies_have_the_assumed_gap_and_close(gap: float, comm: MPI.In
     assert "assumed" in there.assumption
 
 
+def test_certificate_judges_gaps_pressures_and_forces(comm: MPI.Intracomm) -> None:
+    checked: dict[str, Any] = {"certificate": {"level": "quick"}, "analysis": "round_trip", "first": "inverse"}
+    results = [solved(comm, {"closure": closure}, **checked) for closure in ("touching", "conforming")]
+    touching, conforming = ({line.name: line for line in result.certificate.lines} for result in results)
+    for lines in (touching, conforming):
+        assert lines["overlap of the loaded bodies at 'bottom'"].verdict is Verdict.PASS
+        assert lines["least contact pressure at 'bottom'"].value == 0.0
+        assert lines["forces on both bodies at 'bottom'"].value == pytest.approx(0.0, abs=1e-12)
+        assert "does not confirm" in lines["round trip, relative to the displacement"].note
+    name = "overlap of the unloaded bodies at 'bottom'"
+    assert touching[name].value == 0.0
+    assert "smallest gap 4" in touching[name].note
+    assert conforming[name].value == pytest.approx(0.0, abs=1e-3)
+
+
+def test_bodies_with_too_much_pressure_overlap_unloaded(comm: MPI.Intracomm) -> None:
+    """Unloaded bodies that were to be 2 cm into each other; the certificate finds where."""
+    result = solved(comm, {"closure": "gap", "rest_gap": -0.02}, analysis="inverse", certificate={"level": "quick"})
+    assert result.certificate is not None
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("overlap of the unloaded"))
+    assert line.verdict is Verdict.WARN
+    assert line.value == pytest.approx(0.02, rel=0.1)
+
+
 def test_bodies_with_the_pressure_of_a_forward_solve_have_its_gap(comm: MPI.Intracomm) -> None:
     apart = BLOCKS | {"parameters": BLOCKS["parameters"] | {"gap": 0.01}}
     result = solved(comm, {"closure": "given"}, mesh=apart, analysis="round_trip", first="forward")
@@ -65,9 +90,9 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     apart = BLOCKS | {"parameters": {"lower": 1, "upper": 1, "gap": 0.01}}
     energy = {"name": "energy", "of": "energy", "on": "upper", "reduce": "integral", "over": "reference"}
     there = solved(comm, {}, run_directory / "there", mesh=apart, analysis="forward", quantities=[energy])
-    back = {"mesh": {"file": str(run_directory / "there" / "shape.msh")}, "analysis": "inverse"}
+    back: dict[str, Any] = {"mesh": {"file": str(run_directory / "there" / "shape.msh")}, "analysis": "inverse"}
     wanted = [*GIVEN["quantities"], energy]
-    checked = {"certificate": {"level": "quick"}, "uncertainty": "contact", "quantities": wanted}
+    checked: dict[str, Any] = {"certificate": {"level": "quick"}, "uncertainty": "contact", "quantities": wanted}
     result = solved(comm, {"closure": "conforming"}, **back, **checked)
     assert result.certificate is not None
     intervals = {line.interval["of"]: line.interval for line in result.certificate.lines if line.interval}

@@ -323,11 +323,11 @@ class SurfacePair:
         self._add_transposed(unit, forces)
         return forces
 
-    def unloaded_gaps(self) -> NodeGaps:
-        """Return the gaps of the unloaded bodies of an inverse problem at the nodes of both surfaces."""
-        unknowns = self._unknowns
-        u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
-        return NodeGaps(*self._facets(self._body.mesh.geometry.x, -u), self._owned, self._comm)
+    def node_gaps(self, *, loaded: bool) -> NodeGaps:
+        """Return the gaps at the nodes of both surfaces, of the loaded or of the unloaded bodies; collective."""
+        u = self._sign * self._unknowns.state.x.array[self._unknowns.displacement_dofs_of_nodes]
+        facets = self._facets(self._body.mesh.geometry.x, u if loaded == (self._sign > 0) else None)
+        return NodeGaps(*facets, self._owned, self._comm)
 
     # The part of a contact.
 

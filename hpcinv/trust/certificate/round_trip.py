@@ -77,7 +77,15 @@ class RoundTripCheck(Check):
         error = 0.0 if estimate is None or not isfinite(estimate.shape) else estimate.shape
         for line in checked:
             scale = displacement_scale(equations, solution).length
-            yield _judged(line, scale, max(run.deviation, error))
+            yield _with_assumptions(_judged(line, scale, max(run.deviation, error)), solution)
+
+
+def _with_assumptions(line: Line, solution: Solution) -> Line:
+    """Return the line with what it cannot confirm: bodies come back with any contact pressure."""
+    if line.value is None or not any(interface.closure for interface in solution.job.interfaces):
+        return line
+    note = "any pressure between the bodies closes: this does not confirm the assumed one"
+    return replace(line, note="; ".join(filter(None, [line.note, note])))
 
 
 def _judged(line: Line, scale: float, largest: float) -> Line:

@@ -172,7 +172,7 @@ class PressedBodies:
         numbers = FollowedNumbers(equations, solution, equilibrium)
         position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
         pairs = [pair for pair in system.weak_form.contacts.pairs if pair.assumes_pressure]
-        measured = [pair.unloaded_gaps() for pair in pairs]
+        measured = [pair.node_gaps(loaded=False) for pair in pairs]
         unchanged = system.weak_form.parameters.direction({})
         columns, changes = list[Floats](), list[tuple[Parameter, Change]]()
         for pair, own in zip(pairs, self._pairs, strict=True):
