@@ -49,6 +49,7 @@ FUNCTIONS = {
     "nodes on a CAD surface": "hpcinv.mesh.io.cad_surface:cad_surface",
     "partitioned mesh": "hpcinv.mesh.distributed.partitioned:read_partitioned",
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
+    "pins of free parts": "hpcinv.solver.free_parts:pins_of",
     "power series": "hpcinv.solver.series_continuation:SeriesSteps",
     "programs of a form": "hpcinv.physics.points.form_programs:programs_of",
     "quadrilaterals of surfaces": "hpcinv.mesh.quadrilaterals:quadrilaterals",

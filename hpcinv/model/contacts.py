@@ -34,6 +34,9 @@ _OVERLAP = 2.0**-6
 """Overlap of a rigid obstacle and the undeformed body that is refused, in lengths of the body."""
 
 
+MOST_UNBALANCED = 2.0**-20
+"""Largest force on a part that contact alone holds that pressure does not balance, by the force of the contact, 1e-6.
+Raised, loads that nothing balances move the part."""
 _FAST = 8.0
 """Factor by which an update must reduce the penetration; else the penalty grows fourfold."""
 _STIFFEST = 64.0
@@ -170,6 +173,7 @@ class Contacts:
 
     Attributes:
         pairs: as given.
+        pins: of parts that contact alone holds.
         is_iterated: whether pressures or nearest points are found by iteration; has_obstacles: whether there are
             obstacles among these.
         depends_on_path: whether tractions depend on the load steps before.
@@ -196,10 +200,26 @@ class Contacts:
             for name, (where, e) in zip(names, contact_effects, strict=True)
         ]
         self.pairs = tuple(pairs)
+        self.pins: tuple[Any, ...] = ()
         self._all: list[Any] = [*self._obstacles, *self.pairs]
         self._iterated = [contact for contact in self._all if contact.is_iterated]
         self.depends_on_path = any(pair.depends_on_path for pair in self.pairs)
         self.is_iterated, self.has_obstacles = bool(self._iterated), any(c.is_iterated for c in self._obstacles)
+
+    @property
+    def stiff(self) -> tuple[Any, ...]:
+        """Interfaces and pins, which add forces and stiffness to the equations."""
+        return self.pairs + self.pins
+
+    def check_balance(self, scales: Scales) -> None:
+        """Check in a solution that pressure balances the loads of parts that contact alone holds.
+
+        Raises:
+            MeshError: on all ranks, if it does not.
+        """
+        force = sum(pair.pressing_force for pair in self.pairs) if self.pins else 0.0
+        for pin in self.pins:
+            pin.check_balance(force, scales)
 
     def passages(self, unknowns: Unknowns) -> Passages:
         """Return the ways of the body past obstacles that a forward solve must not lead through."""

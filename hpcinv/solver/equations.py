@@ -103,6 +103,9 @@ class Equations(DiscreteModel):
             solver = self.job.solver
             like = next((idle.system for idle in self._idle.values()), None)
             with self._naming_job():
+                if self.job.interfaces and not weak_form.contacts.pins:
+                    pins = on_demand("pins of free parts")(self.job, self.body, self.supports, weak_form)
+                    weak_form.contacts.pins = tuple(pins)
                 system = System(weak_form, self.supports, self.timings, like)
             with self.timings("set-up"):
                 self.chooser.analyse(solver, self.unknowns)

@@ -87,7 +87,7 @@ class System:
             matrix, assemble = tangent.create_matrix(
                 self.supports.conditions, like._tangent if like and like.tangents else None
             )
-            if pairs := self.weak_form.contacts.pairs:
+            if pairs := self.weak_form.contacts.stiff:
                 self._paired = on_demand("tangent with interfaces")(matrix, assemble, pairs, self.supports.conditions)
                 matrix, assemble = self._paired.matrix, self._paired.assemble
             if self.supports.sliding is not None:
@@ -347,7 +347,7 @@ class System:
         with self.timings("residual"), b.localForm() as local:
             local.set(0.0)
             fem_petsc.assemble_vector(b, self._residual)
-            for pair in self.weak_form.contacts.pairs:
+            for pair in self.weak_form.contacts.stiff:
                 pair.add_forces(local.array)
             if self._path is not None:
                 forces, share = self._path
@@ -377,7 +377,7 @@ class System:
     def _add_products(self, forces: npt.NDArray[np.float64]) -> None:
         """Add the tangent without supports, times `_step`, to forces on the local unknowns."""
         fem.assemble_vector(forces, self._step_form)
-        for pair in self.weak_form.contacts.pairs:
+        for pair in self.weak_form.contacts.stiff:
             pair.add_products(self._step.x.petsc_vec, forces)
 
     @cached_property

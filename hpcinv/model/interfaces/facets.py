@@ -111,7 +111,7 @@ class RegionFacets:
         element = unknowns.scalar_elements[0].basix_element
         self.kind = FacetKind(FACET_KIND[cell_kind], element.degree)
         places, self._signs = _places(cell_kind, element.degree, self.kind.kind)
-        self._geometry, self._cells = mesh.geometry, cells
+        self._geometry, self.cells = mesh.geometry, cells
         self._signs = self._signs[sides]
         self._orders = places[sides]
         self._shapes = scalar_element(cell_kind, body.degree).tabulate(0, element.points)[0, :, :, 0]
@@ -124,7 +124,7 @@ class RegionFacets:
 
     def at(self, geometry_nodes: Floats, u: Floats | None = None) -> Facets:
         """Return the facets where the geometry nodes of the mesh are, plus a displacement (nodes of its space, 3)."""
-        nodes = geometry_nodes[self._geometry.dofmaps[0][self._cells]]
+        nodes = geometry_nodes[self._geometry.dofmaps[0][self.cells]]
         places = np.einsum("ag,cgi->cai", self._shapes, nodes)
         points = np.take_along_axis(places, self._orders[:, :, None], axis=1)
         if u is not None:

@@ -475,6 +475,27 @@ class SurfacePair:
             friction=frictions[0] if frictions else None,
         )
 
+    @property
+    def surfaces(self) -> tuple[RegionFacets, RegionFacets]:
+        """Both surfaces, in the order of the job."""
+        return (self._second, self._first) if self._is_swapped else (self._first, self._second)
+
+    @property
+    def given_normals(self) -> tuple[Floats, Floats]:
+        """Normals of the given mesh (n, 3) where its surfaces face each other, and their places (scaled)."""
+        first = gathered(self._first.at(self._body.given_nodes / self._body.length_scale), self._comm)
+        places = np.zeros((len(self._names), 3))
+        known = np.isin(first.nodes, self._names)
+        places[np.searchsorted(self._names, first.nodes[known])] = first.points[known]
+        facing = self._given.areas > 0
+        return self._given.normals[facing], places[facing]
+
+    @property
+    def pressing_force(self) -> float:
+        """Sum of the forces (scaled) by which the surfaces press or pull on each other, whatever their direction."""
+        tractions = np.abs(self._tractions()[0]).reshape(len(self._names), -1).max(axis=1)
+        return float(tractions @ self._force_jump.areas)
+
     def _total_force(self, tractions: Floats) -> Floats:
         """Return the force (3,) on the first region of the job, scaled."""
         local = np.unique(self._first.local_nodes)

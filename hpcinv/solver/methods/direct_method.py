@@ -114,6 +114,7 @@ class DirectMethod(Method):
         for _ in range(_MOST_UPDATES):
             system.set_load(1.0)
             if not system.update_contacts():
+                system.weak_form.contacts.check_balance(self.equations.scales)
                 self.reached_load = 1.0
                 return
             for _ in range(_MOST_HALVINGS + 1):

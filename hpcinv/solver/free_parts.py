@@ -1,0 +1,85 @@
+"""Parts of a body that only contact or sliding holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
+from hpcinv.model.interfaces.pair import SurfacePair
+from hpcinv.model.interfaces.pins import Pins
+from hpcinv.model.supports import Supports
+from hpcinv.model.weak_form import WeakForm
+from hpcinv.solver.support_checks import joined_parts, node_labels, parts_of
+
+_UNDETERMINED = {
+    "touching": "does not balance its loads",
+    "given": "does not say where it is unloaded",
+}
+
+
+def pins_of(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> list[Pins]:
+    """Return the pins of all parts that only contact or sliding without friction holds; collective.
+
+    Raises:
+        MeshError: on all ranks, if a closure leaves such a part without balance or without a place.
+    """
+    pairs: Sequence[SurfacePair] = weak_form.contacts.pairs
+    loose = [pair for pair in pairs if pair.spec.kind != "tied"]
+    if not loose or any(effect.holds for effect in job.effects):
+        return []
+    count, labels = joined_parts(body, [i for i in job.interfaces if i.kind == "tied"], *parts_of(body))
+    parts = [_pins(label, labels, body, loose, weak_form) for label in _free_parts(body, supports, count, labels)]
+    return [pins for pins in parts if pins is not None and pins.count]
+
+
+def _free_parts(body: Body, supports: Supports, count: int, labels: Ints) -> list[int]:
+    held = [node_labels(support.space, labels)[support.nodes] for support in supports.holders]
+    everywhere = body.mesh.comm.allgather(np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *held])))
+    return sorted(set(range(count)) - set(np.concatenate(everywhere).tolist()))
+
+
+def _pins(label: int, labels: Ints, body: Body, pairs: Sequence[SurfacePair], weak_form: WeakForm) -> Pins | None:
+    """Return the pins of a part; ``None`` if friction holds it."""
+    nodes, comm = body.given_nodes / body.length_scale, body.mesh.comm
+    region, surfaces, normals = "", list[Facets](), list[tuple[Floats, Floats]]()
+    for pair in pairs:
+        for name, surface in zip(pair.spec.between, pair.surfaces, strict=True):
+            own = gathered(_of_part(surface, surface.at(nodes), labels == label), comm)
+            if not len(own):
+                continue
+            if pair.spec.friction:
+                return None
+            _check_closure(pair, name, weak_form.kinematics.sign)
+            region = region or name
+            surfaces.append(own)
+            normals.append(pair.given_normals)
+    if not surfaces:
+        return None
+    places = np.concatenate([facets.points.reshape(-1, 3) for facets in surfaces])
+    numbers = np.concatenate([facets.unknowns.reshape(-1, 3) for facets in surfaces])
+    directions, at = (np.concatenate(part) for part in zip(*normals, strict=True))
+    return Pins(region, (places, numbers), (directions, at), weak_form.unknowns, comm)
+
+
+def _of_part(region: RegionFacets, facets: Facets, is_in_part: Floats) -> Facets:
+    chosen = is_in_part[region.cells]
+    arrays = (facets.nodes, facets.unknowns, facets.points, facets.signs)
+    nodes, unknowns, points, signs = (array[chosen] for array in arrays)
+    return replace(facets, nodes=nodes, unknowns=unknowns, points=points, signs=signs)
+
+
+def _check_closure(pair: SurfacePair, region: str, sign: int) -> None:
+    closure = pair.spec.closure
+    if sign < 0 and closure in _UNDETERMINED:
+        raise MeshError(
+            f"{pair.where}.closure: '{closure}' {_UNDETERMINED[closure]}: nothing but contact holds the part with"
+            f" '{region}'",
+            "Assume 'conforming' or 'gap', or hold the part by supports.",
+        )
