@@ -222,3 +222,31 @@ def test_a_path_of_several_steps_is_known_to_the_certificate(comm: MPI.Intracomm
 def test_friction_that_is_not_possible_is_refused(contact: dict[str, Any], data: dict[str, Any], match: str) -> None:
     with pytest.raises(JobError, match=match):
         job(**GIVEN | {"mesh": blocks(), "interfaces": [interface(**contact)]} | data)
+
+
+@pytest.mark.parametrize("coefficient", [2.0, 0.02])
+def test_tractions_turn_with_bodies_that_move_rigidly(comm: MPI.Intracomm, coefficient: float) -> None:
+    """Bodies that stick or slide are turned by 60 degrees in one load step, pressed into each other as they are."""
+    posed = job(**GIVEN | {"mesh": blocks(gap=0.02), "interfaces": [interface(friction=coefficient)]})
+    body = build_body(posed.mesh, posed.regions, comm, resolve=posed.resolve, degree=1)
+    equations = Equations(posed, body, Timings())
+    system = equations.equilibrium(equations.weak_form("forward")).system
+    (pair,) = system.weak_form.contacts.pairs
+    (friction,) = pair._frictions
+    nodes, unit = equations.unknowns.displacement_space.tabulate_dof_coordinates(), body.length_scale
+    is_upper = nodes[:, 2] * unit > 0.51
+    moved = nodes + is_upper[:, None] * np.array([1e-3, 5e-4, -0.022]) / unit
+    turned, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+    turned *= np.sign(np.linalg.det(turned))
+
+    def tractions(places: np.ndarray, load: float) -> np.ndarray:
+        equations.put_displacement((places - nodes).ravel())
+        system.begin_contact_step(load)
+        vectors: np.ndarray = friction.tractions(pair._u, pair.pressures).vectors
+        system.end_contact_step(load)
+        return vectors
+
+    before = tractions(moved, 0.25)
+    after = tractions(moved @ turned.T + 0.1, 0.75)
+    assert np.abs(before).max() > 1e-3
+    assert after == pytest.approx(before @ turned.T, abs=1e-11)

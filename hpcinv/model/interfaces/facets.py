@@ -8,6 +8,7 @@ from functools import cache, cached_property
 import basix
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities
@@ -93,6 +94,12 @@ class Facets:
     def radii(self) -> Floats:
         """Largest distance of a node from the middle of its facet, (n,)."""
         return np.asarray(np.linalg.norm(self.points - self.middles[0][:, None], axis=2).max(axis=1, initial=0.0))
+
+    def mean_radius(self, comm: MPI.Intracomm) -> float:
+        """Return the mean radius of the facets of all ranks, rounded; collective."""
+        total, count = comm.allreduce(float(self.radii.sum())), comm.allreduce(len(self))
+        size: float = round(total / max(count, 1), 12)
+        return size
 
 
 class RegionFacets:

@@ -3,11 +3,12 @@
 At each function ``N_i`` of the first surface the slip of a load step is the tangential mean of the jump of its
 displacement, and a traction ``λ_i`` acts, as the pressure does:
 
-    R ← R - Bᵀ λ,      λ = Π(q - ε s),      s = s₀ + P B̄ (u - u₀),
+    R ← R - Bᵀ λ,      λ = Π(q - ε s),      s = s₀ + P (B̄ (u - u₀) + n₀ n₀·B̄ x₀),
 
 where ``Π`` shortens vectors to the bound ``μ p``, and ``P`` removes the normal part. ``B`` are the jumps where the
 surfaces meet at the end of the step, so a load in one step has the equations of an inverse problem, whose given shape
-is that end. The slip ``s₀`` that tractions of the step before need (``λ₀ = -ε s₀``) turns with the first surface.
+is that end. The slip ``s₀`` that tractions of the step before need (``λ₀ = -ε s₀``) turns with the first surface. So do
+its normals ``n₀``: a gap at the beginning of the step turns, which is not slip.
 
 Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
 """
@@ -59,7 +60,8 @@ class _Begin:
     Attributes:
         load: load factor.
         u: owned unknowns (scaled).
-        points: places of the nodes of the first surface's facets on this rank; ``None`` without slips.
+        points: places of the nodes of the first surface's facets on this rank; ``None`` of unloaded bodies.
+        frame: the same where the jumps were; the slips are in their planes.
         slips: ``s₀`` (n, 3), scaled.
         forces: pressures times areas (n,), scaled.
         energy: lost so far, scaled.
@@ -68,6 +70,7 @@ class _Begin:
     load: float
     u: Floats
     points: Floats | None
+    frame: Floats | None
     slips: Floats
     forces: Floats
     energy: float
@@ -107,28 +110,32 @@ class Friction:
         """Begin with the unloaded bodies, without tractions."""
         count = len(self._names)
         self.q: Floats = np.zeros((count, 3))
-        self._rest = _Begin(-1.0, np.zeros(self._owned), None, np.zeros((count, 3)), np.zeros(count), 0.0)
+        self._rest = _Begin(-1.0, np.zeros(self._owned), None, None, np.zeros((count, 3)), np.zeros(count), 0.0)
         self._begins = list[_Begin]()
         self._restored: Floats | None = None
         self._begin, self._slips = self._rest, self._rest.slips
+        if "_jump" in vars(self):
+            self._carry()
 
     # Surfaces that move.
 
-    def set_jump(self, jump: Jump, penalties: Floats, first: Facets, u: Floats) -> None:
+    def set_jump(self, jump: Jump, penalties: Floats, first: Facets, unloaded: Facets, u: Floats) -> None:
         """Take the jumps where the surfaces are now, with the pressure's penalties, the first surface, and unknowns.
 
         Args:
+            unloaded: first surface of the unloaded bodies.
             u: owned unknowns.
         """
         self.destroy()
         self._jump, self._penalties, self._first = jump, _SOFTNESS * penalties, first
+        self._unloaded, self._u = unloaded.points, u.copy()
         self._forces = jump.vector_matrix(self._owned, means=False)
         self._means = jump.vector_matrix(self._owned, means=True)
         self._left: PETSc.Vec = self._means.createVecLeft()
         self._right: PETSc.Vec = self._means.createVecRight()
         if self._restored is not None:
             count = len(self._names)
-            self._rest = _Begin(-1.0, u.copy(), first.points, self._restored, np.zeros(count), 0.0)
+            self._rest = _Begin(-1.0, u.copy(), first.points, first.points, self._restored, np.zeros(count), 0.0)
             self._begin, self._begins, self._restored = self._rest, [], None
         self._carry()
 
@@ -147,10 +154,15 @@ class Friction:
 
     def _carry(self) -> None:
         begin = self._begin
-        self._slips = begin.slips
-        if begin.points is not None:
-            turned = surface_rotations(self._names, self._first.nodes, begin.points, self._first.points, self._comm)
-            self._slips = self._tangential(np.einsum("nab,nb->na", turned, begin.slips))
+        normals = np.einsum("nba,nb->na", self._turned(begin.points), self._jump.normals)
+        vectors = self._jump.vectors - self._products(self._u - begin.u)
+        gaps = np.einsum("ni,ni->n", normals, vectors)[:, None] * normals
+        self._slips = self._tangential(np.einsum("nab,nb->na", self._turned(begin.frame), begin.slips) + gaps)
+
+    def _turned(self, points: Floats | None) -> Floats:
+        """Return the rotations (n, 3, 3) of the first surface from a place, by default the unloaded body's."""
+        before = self._unloaded if points is None else points
+        return surface_rotations(self._names, self._first.nodes, before, self._first.points, self._comm)
 
     def _tangential(self, vectors: Floats) -> Floats:
         normals = self._jump.normals
@@ -166,7 +178,9 @@ class Friction:
         found = self.tractions(u, pressures)
         slips = -self._lengths(found.vectors)
         forces = pressures * self._jump.areas
-        self._begins.append(_Begin(load, u.copy(), points, slips, forces, self.energy(found, pressures)))
+        self._begins.append(
+            _Begin(load, u.copy(), points, self._first.points, slips, forces, self.energy(found, pressures))
+        )
 
     def _lengths(self, tractions: Floats) -> Floats:
         """Return tractions (n, 3) over the penalties, 0 without one."""

@@ -33,7 +33,8 @@ class Jump:
     Attributes:
         areas: ``∫ |N_i| dA`` over the segments, (n,); 0 of functions that are left out.
         normals: mean unit normals of the first surface, (n, 3).
-        gaps: means of the gap along these, (n,), scaled; 0 of functions that are left out.
+        vectors: means of the jump of the places, (n, 3), scaled; 0 of functions that are left out.
+        gaps: means of the gap along the normals, (n,), scaled; 0 of functions that are left out.
         area: of all segments.
     """
 
@@ -65,6 +66,7 @@ class Jump:
         sizes = np.linalg.norm(sums[:, 1:4], axis=1, keepdims=True)
         self.normals: Floats = sums[:, 1:4] / np.where(sizes > 0, sizes, 1.0)
         self._inverse_areas = np.where(self.areas > 0, 1 / np.where(self.areas > 0, self.areas, 1.0), 0.0)
+        self.vectors: Floats = sums[:, 4:7] * self._inverse_areas[:, None]
         self.gaps: Floats = np.einsum("ni,ni->n", self.normals, sums[:, 4:7]) * self._inverse_areas
         parts = [
             _summed(places, -weighted[:, :, None] * shapes[:, None], first.unknowns[i]),

@@ -86,7 +86,9 @@ class SurfacePair:
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
         self._updates = AcceleratedUpdates()
         first, second = (self._region(name) for name in spec.between)
-        self._is_swapped = self._law.pulls and self._size(first) < self._size(second)
+        # On the finer surface, nodes that supports hold leave tractions that hardly load the other body.
+        sizes = [region.at(body.given_nodes).mean_radius(self._comm) for region in (first, second)]
+        self._is_swapped = self._law.pulls and sizes[0] < sizes[1]
         if self._is_swapped:
             first, second = second, first
         self._first, self._second = first, second
@@ -109,22 +111,13 @@ class SurfacePair:
         self._force_jump = self._gap_jump = self._given
         self._place: tuple[Floats, Floats] | None = None
         self._set_jumps(self._given, self._given, pressed)
-        self._set_frictions(body.given_nodes / body.length_scale, None)
+        self._set_frictions(
+            body.given_nodes / body.length_scale, np.zeros((len(unknowns.displacement_dofs_of_nodes), 3))
+        )
 
     def _region(self, name: str) -> RegionFacets:
         facets = self._body.boundary_facets(name, "An interface is between two regions of the boundary.")
         return RegionFacets(self._body, facets, self._unknowns)
-
-    def _size(self, region: RegionFacets) -> float:
-        """Return the mean radius of the facets.
-
-        Bilateral kinds have their tractions on the coarser surface: on a finer one, nodes that supports hold leave
-        tractions that hardly load the other body, and are not determined.
-        """
-        radii = region.at(self._body.given_nodes).radii
-        total, count = self._comm.allreduce(float(radii.sum())), self._comm.allreduce(len(radii))
-        size: float = round(total / max(count, 1), 12)
-        return size
 
     def _facets(self, nodes: Floats, u: Floats | None = None) -> tuple[Facets, Facets]:
         return self._first.at(nodes, u), gathered(self._second.at(nodes, u), self._comm)
@@ -176,10 +169,13 @@ class SurfacePair:
         if "_pressed" in vars(self) and self._pressed is not None:
             self._pressed.destroy()
 
-    def _set_frictions(self, nodes: Floats, u: Floats | None) -> None:
+    def _set_frictions(self, nodes: Floats, u: Floats) -> None:
+        moved, at = (u, None) if self._sign > 0 else (None, -u)
         penalties = self._penalties if self.is_iterated else np.zeros_like(self._penalties)
         for friction in self._frictions:
-            friction.set_jump(self._force_jump, penalties, self._first.at(nodes, u), self._u)
+            friction.set_jump(
+                self._force_jump, penalties, self._first.at(nodes, moved), self._first.at(nodes, at), self._u
+            )
 
     @property
     def _u(self) -> Floats:
@@ -366,13 +362,12 @@ class SurfacePair:
         if is_mesh_same and (is_state_same or not (self.is_iterated or measures)):
             return
         self._place = x.copy(), u.copy()
-        loaded = u if self._sign > 0 else None
         if self._sign < 0 and is_mesh_same:  # on a given shape forces are constant
             current, pressed, self._pressed = self._force_jump, self._pressed, None
         else:
-            current, pressed = self._searched(x, loaded)
+            current, pressed = self._searched(x, u if self._sign > 0 else None)
         self._set_jumps(current, self._jump(x, -u) if self._sign < 0 else current, pressed)
-        self._set_frictions(x, loaded)
+        self._set_frictions(x, u)
         gaps = self._gap_jump.gaps - self._wanted_gaps
         measured = np.where(self._gap_jump.areas > 0, gaps, 0.0)
         self._offsets = self._sign * measured - self._products(unknowns.state.x.petsc_vec)
