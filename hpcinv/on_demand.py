@@ -17,6 +17,7 @@ FUNCTIONS = {
     "cells of a rank in a partitioned mesh": "hpcinv.mesh.distributed.partitioned:cells_of",
     "cells of another degree": "hpcinv.mesh.refine.degree:change_degree",
     "check of cavities": "hpcinv.model.cavities:check_cavities",
+    "check of hinges": "hpcinv.solver.hinge_checks:check_hinges",
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
     "constraints of slides": "hpcinv.model.sliding:MatrixConstraint",
     "contact intervals": "hpcinv.trust.intervals.contact_interval:contact_intervals",

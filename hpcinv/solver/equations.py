@@ -18,13 +18,12 @@ from hpcinv.model.weak_form import WeakForm
 from hpcinv.on_demand import on_demand
 from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.equilibrium_path import Policy
-from hpcinv.solver.hinge_checks import check_hinges
 from hpcinv.solver.linear.selection import Chooser
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.load_stepping import AdaptiveSteps, equal_steps
 from hpcinv.solver.observer import SILENT, Observer
 from hpcinv.solver.predictor import Predictor
-from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed
+from hpcinv.solver.support_checks import check_agreement, check_held, check_not_enclosed, may_turn
 
 _STIFF = "interfaces are too stiff for multigrid"
 
@@ -64,7 +63,9 @@ class Equations(DiscreteModel):
             if system is not None or not self._has_springs:
                 springs = system if self._has_springs else None
                 check_held(self.body, self.supports, springs, self.job.interfaces)
-                check_hinges(self.body, self.supports, self.unknowns.displacement_space, springs)
+                if may_turn(self.body):
+                    space = self.unknowns.displacement_space
+                    on_demand("check of hinges")(self.body, self.supports, space, springs)
             check_not_enclosed(self.job, self.body)
         self._are_supports_checked = system is not None or not self._has_springs
 

@@ -59,7 +59,7 @@ class _Joints:
 def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, system: System | None = None) -> None:
     """Check that no part of the body can turn about the nodes that it shares with others; collective.
 
-    The supports must hold the body as a whole (`check_held`).
+    The supports must hold the body as a whole (`check_held`), and `may_turn` be true.
 
     Args:
         space: of the displacement.
@@ -70,8 +70,6 @@ def check_hinges(body: Body, supports: Supports, space: fem.FunctionSpace, syste
     """
     comm = body.mesh.comm
     count, cell_parts = parts_of(body, joined_by_facets=True)
-    if count == 1 or count == parts_of(body)[0]:
-        return
     joints, frames, cells = _joints(body, space, cell_parts), *_frames(body, cell_parts, count)
     held = _held(supports, cell_parts, frames, comm)
     # On rank 0 only; the groups of parts that are joined by nodes.

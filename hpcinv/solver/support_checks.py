@@ -155,6 +155,12 @@ def barely_held(body: Body, supports: Supports) -> str:
     return ""
 
 
+def may_turn(body: Body) -> bool:
+    """Return whether parts of the body are joined by nodes alone, about which they may turn; collective."""
+    count, _ = parts_of(body, joined_by_facets=True)
+    return count > 1 and count != parts_of(body)[0]
+
+
 def parts_of(body: Body, *, joined_by_facets: bool = False) -> tuple[int, Ints]:
     """Return the number of parts of the body, which share no node, and the part of each local cell; collective.
 
