@@ -46,7 +46,7 @@ def _free_parts(body: Body, supports: Supports, count: int, labels: Ints) -> lis
 
 
 def _pins(label: int, labels: Ints, body: Body, pairs: Sequence[SurfacePair], weak_form: WeakForm) -> Pins | None:
-    """Return the pins of a part; ``None`` if friction holds it."""
+    """Return the pins of a part; ``None`` if friction that the solve finds holds it."""
     nodes, comm = body.given_nodes / body.length_scale, body.mesh.comm
     region, surfaces, normals = "", list[Facets](), list[tuple[Floats, Floats]]()
     for pair in pairs:
@@ -54,7 +54,7 @@ def _pins(label: int, labels: Ints, body: Body, pairs: Sequence[SurfacePair], we
             own = gathered(_of_part(surface, surface.at(nodes), labels == label), comm)
             if not len(own):
                 continue
-            if pair.spec.friction:
+            if pair.spec.friction and pair.is_iterated:
                 return None
             _check_closure(pair, name, weak_form.kinematics.sign)
             region = region or name

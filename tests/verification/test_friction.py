@@ -11,7 +11,7 @@ from helpers.verification import job
 import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, MeshError
 from hpcinv.mesh import build_body
 from hpcinv.model.interfaces.surface_rotations import surface_rotations
 from hpcinv.output.result import Result
@@ -60,6 +60,26 @@ def test_a_free_block_sticks_to_a_ramp_and_friction_carries_its_weight(comm: MPI
     fields = [part.x.array for part in contact.friction.tractions]
     sizes, pressures = np.sqrt(sum(part**2 for part in fields)), contact.fields[1].x.array
     assert (sizes <= 0.6 * pressures + 1e-9).all()
+
+
+RAMP: dict[str, Any] = {
+    "mesh": {"file": "../meshes/two_blocks.py", "parameters": {"upper_height": 0.2, "lower": 1, "upper": 2}},
+    "effects": [{"effect": "gravity", "acceleration": [0.05, 0, -0.19], "density": 1.0}],
+}
+
+
+@pytest.mark.release
+def test_a_free_block_on_a_ramp_comes_back(comm: MPI.Intracomm) -> None:
+    solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 1}
+    contact = {"friction": 0.6, "closure": "coulomb"}
+    result = solved(comm, contact, analysis="round_trip", first="inverse", solver=solver, **RAMP)
+    assert result.errors["round_trip"]["max"] < 1e-10
+    assert result.solutions[0].contacts[0].force == pytest.approx((-0.01, 0, 0.038), rel=2e-3, abs=1e-9)
+
+
+def test_friction_that_is_given_does_not_hold_a_free_block(comm: MPI.Intracomm) -> None:
+    with pytest.raises(MeshError, match=r"'touching' .*: nothing but contact holds the part"):
+        solved(comm, {"friction": 0.6, "closure": "touching"}, analysis="inverse", **RAMP)
 
 
 @pytest.mark.parametrize(
