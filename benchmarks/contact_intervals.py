@@ -215,7 +215,7 @@ def drawn(seed: int) -> dict[str, Any]:
 
 def drawn_bodies(count: int, directory: Path) -> Iterator[str]:
     """Yield a row for each body that was drawn: where the truth lies in its intervals, and how many ends settled."""
-    yield f"{'body':<6}{'unknowns':>9}{'pressures':>11}{'force, N':>10}{'widths, %':>32}  truth"
+    yield f"{'body':<6}{'unknowns':>9}{'pressures':>11}{'force, N':>10}  {'widths, %':<34}truth"
     inside = settled = total = 0
     for seed in range(count):
         job, place = drawn(seed), directory / str(seed)
@@ -237,7 +237,7 @@ def drawn_bodies(count: int, directory: Path) -> Iterator[str]:
         verdict += f"; not settled: {', '.join(open_ends)}" if open_ends else ""
         numbers = " ".join(f"{width:.2g}" for width in widths)
         size, pressures = there.body.mesh.geometry.x.size, found[0][0]["pressures"] if found else 0
-        yield f"{seed:<6}{size:>9}{pressures:>11}{truth['force on bottom']:>10.4f}{numbers:>32}  {verdict}"
+        yield f"{seed:<6}{size:>9}{pressures:>11}{truth['force on bottom']:>10.4f}  {numbers:<34}{verdict}"
     yield f"truth inside in {inside} of {count}; {settled} of {total} intervals have settled"
 
 
@@ -250,22 +250,25 @@ def _is_inside(found: Mapping[str, Any], truth: Mapping[str, float]) -> bool:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cells", type=int, default=5, help="along each edge of a block")
-    parser.add_argument("--drawn", type=int, default=30, help="number of other bodies that are drawn")
+    parser.add_argument("--cells", type=int, default=3, help="along each edge of a block; 0 for none of these")
+    parser.add_argument("--drawn", type=int, default=0, help="number of other bodies that are drawn")
     given = parser.parse_args()
     cells = given.cells
     with tempfile.TemporaryDirectory() as directory:
-        bodies = {name: loaded(name, cells, Path(directory) / name) for name in SCENES}
-        if bodies:
-            print(f"{'scene':<8}{'closure':<16}{'error, mm':>10}{'force, N':>10}{'reload, mm':>12}")
-        for name, body in bodies.items():
-            print(*closures(name, body), sep="\n", flush=True)
-        print(f"\n{'scene':<8}{'mm, N':<12}{'truth':>10}{'low':>11}{'high':>11}{'solves':>8}")
-        for name, body in bodies.items():
-            print(*intervals(name, body), sep="\n", flush=True)
-        print()
-        for row in drawn_bodies(given.drawn, Path(directory)):
+        if cells:
+            _print_scenes(cells, Path(directory))
+        for row in drawn_bodies(given.drawn, Path(directory)) if given.drawn else ():
             print(row, flush=True)
+
+
+def _print_scenes(cells: int, directory: Path) -> None:
+    bodies = {name: loaded(name, cells, directory / name) for name in SCENES}
+    print(f"{'scene':<8}{'closure':<16}{'error, mm':>10}{'force, N':>10}{'reload, mm':>12}")
+    for name, body in bodies.items():
+        print(*closures(name, body), sep="\n", flush=True)
+    print(f"\n{'scene':<8}{'mm, N':<12}{'truth':>10}{'low':>11}{'high':>11}{'solves':>8}")
+    for name, body in bodies.items():
+        print(*intervals(name, body), sep="\n", flush=True)
 
 
 if __name__ == "__main__":

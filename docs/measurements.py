@@ -53,6 +53,8 @@ COMMANDS = {
     "effectivity-layers": "python benchmarks/effectivity.py --divisions 2 4 --displacement 2"
     ' --bodies "layered sphere" "grown layers"',
     "cavities": "mpirun -n 1 python benchmarks/cavities.py",
+    "contact-intervals": "python benchmarks/contact_intervals.py --cells 3",
+    "contact-intervals-drawn": "python benchmarks/contact_intervals.py --cells 0 --drawn 30",
     "creep": "python benchmarks/creep.py",
     "robustness": "mpirun -n 1 python benchmarks/robustness.py",
     "effectivity-cubic": "python benchmarks/effectivity.py --divisions 2 --displacement 3",

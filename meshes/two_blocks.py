@@ -25,21 +25,25 @@ def build(
     lower: Divisions = 2,
     upper: Divisions = 3,
     layers: Divisions = 1,
+    across: Divisions = 0,
     hexahedra: bool = False,
     margin: Length = 0.0,
     crown: Length = 0.0,
+    cylinder: bool = False,
 ) -> None:
     """Mesh each block with its own number of divisions along x and y, and both with ``layers`` of cells.
 
     Args:
+        across: divisions of both along y, if they are not those along x.
         margin: by which the lower block is longer than the upper one along x and y.
         crown: height by which the lower face of the upper block rises from x = y = 0 to the far corner, as a
             paraboloid; its upper face stays flat.
+        cylinder: whether it rises along x alone.
     """
     start = lower_height + gap
     wide = (lx + margin, ly + margin)
-    below = _block(gmsh, wide, (0.0, lower_height), (int(lower), int(lower), int(layers)), hexahedra)
-    above = _block(gmsh, (lx, ly), (start, upper_height), (int(upper), int(upper), int(layers)), hexahedra)
+    below = _block(gmsh, wide, (0.0, lower_height), (int(lower), int(across or lower), int(layers)), hexahedra)
+    above = _block(gmsh, (lx, ly), (start, upper_height), (int(upper), int(across or upper), int(layers)), hexahedra)
     for name in ("x0", "x1", "y0", "y1"):
         gmsh.model.addPhysicalGroup(2, [below[name], above[name]], name=name)
     for name, surface in (("z0", below["z0"]), ("top", below["z1"]), ("bottom", above["z0"]), ("z1", above["z1"])):
@@ -48,11 +52,10 @@ def build(
         gmsh.model.addPhysicalGroup(3, [block["volume"]], name=name)
     gmsh.model.mesh.generate(3)
     if crown:
-        _raise(
-            gmsh,
-            above["volume"],
-            lambda x, y, z: (start + upper_height - z) / upper_height * crown * (x**2 + y**2) / (lx**2 + ly**2),
-        )
+        along_y = 0.0 if cylinder else 1.0
+        rise = crown / (lx**2 + along_y * ly**2)
+        top = start + upper_height
+        _raise(gmsh, above["volume"], lambda x, y, z: (top - z) / upper_height * rise * (x**2 + along_y * y**2))
 
 
 def _block(

@@ -136,12 +136,22 @@ def _errors_of_quantity(statistics: Mapping[str, Any], name: str, text: Callable
     is_reaction, slopes = name in _reactions(statistics), statistics["sensitivities"]
     if (spread := (statistics.get("surface_errors") or {}).get("quantities", {}).get(name)) is not None:
         yield f"± {text(spread, digits=2)} by errors of the surface"
+    yield from (f"{ends} {cause}" for ends, cause in intervals_of(statistics, name, text))
     if error := _error_of_mesh(statistics, name, text, is_reaction=is_reaction):
         yield error
     if slopes is not None and slopes["quantities"].get(name, {"sd": None})["sd"] is not None:
         yield f"standard deviation {text(slopes['quantities'][name]['sd'], digits=2)}"
     elif slopes is not None and is_reaction:
         yield "no sensitivities of reactions"
+
+
+def intervals_of(statistics: Mapping[str, Any], name: str, text: Callable[..., str]) -> Iterator[tuple[str, str]]:
+    """Yield the ends between which a quantity may lie, and over what, from the lines of the certificate."""
+    for line in statistics["certificate"]["lines"]:
+        interval = line.get("interval") or {}
+        if interval.get("of") == name:
+            ends = ("no end" if end is None else text(end, digits=4) for end in (interval["low"], interval["high"]))
+            yield " to ".join(ends), f"over all {interval['by']}"
 
 
 def _error_of_mesh(statistics: Mapping[str, Any], name: str, text: Callable[..., str], *, is_reaction: bool) -> str:

@@ -20,6 +20,7 @@ from hpcinv.output.surfaces.boundary_surface import Boundary, read_boundary
 from hpcinv.output.surfaces.interior import NAME as NAME_OF_INTERIOR
 from hpcinv.output.surfaces.interior import Interior, read_interior
 from hpcinv.output.surfaces.snapshots import Snapshot, read_snapshots
+from hpcinv.output.text_report import intervals_of
 from hpcinv.pages.reports.cases_page import as_url
 from hpcinv.pages.reports.charts import convergence_chart, load_chart
 from hpcinv.pages.reports.packed_arrays import PackedArrays
@@ -127,7 +128,7 @@ def _picture(summary: Mapping[str, Any], boundary: Boundary) -> str:
 
 
 def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of quantities, with units, estimated errors and their bars, and standard deviations."""
+    """Rows of the table of quantities: units, estimated errors and their bars, standard deviations and intervals."""
     estimate = summary["certificate"].get("estimate") or {}
     errors, given = estimate.get("quantities", {}), summary["job"].get("quantities", [])
     rows = []
@@ -142,7 +143,8 @@ def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
         text = partial(as_shown, unit=unit, symbols=summary.get("units") or {})
         row |= {"text": text(value), "error_text": "not estimated" if error is None else text(error)}
-        rows.append(row | {"deviations": [(text(sd), cause) for sd, cause in _deviations(summary, name)]})
+        deviations = [(text(sd), cause) for sd, cause in _deviations(summary, name)]
+        rows.append(row | {"deviations": [*deviations, *intervals_of(summary, name, text)]})
     return rows
 
 

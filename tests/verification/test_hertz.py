@@ -1,0 +1,76 @@
+"""Two elastic bodies that press on each other, next to Hertz' pressure between a cylinder and a block.
+
+Plane strain, half of the width: a strip whose lower face is a parabola of radius R lies on a flat one. For a force P
+per length, ``1/E* = (1 - ν₁²)/E₁ + (1 - ν₂²)/E₂``, ``a² = 4 P R/(π E*)`` and ``p₀ = 2 P/(π a)`` (Johnson, Contact
+Mechanics, 1985, section 4.2). With n cells along a, linear pressures end within one cell of a: the width has an error
+of at most 1/n. The lost rim of width a/n has a share ``(2/n)^1.5 · 4/(3π)`` of P; the rest is too high by this share.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+
+WIDTH = 0.02  # along the cylinder
+
+
+def pressed(
+    comm: MPI.Intracomm, cells: int, radius: float, moduli: tuple[float, float], down: float, **data: Any
+) -> tuple[float, float, float, float]:
+    """Return the largest pressure and half the contact's width over Hertz' ones, the latter over a cell, and p₀."""
+    shape = {"lower_height": 1.0, "upper_height": 1.0, "ly": WIDTH, "across": 1, "gap": 1e-9}
+    shape |= {"crown": 1 / (2 * radius), "cylinder": True}
+    mesh = {"lower": cells, "upper": cells + 3, "layers": max(4, cells // 2), "hexahedra": True} | data.pop("mesh", {})
+    lower, upper = ({"law": "neo-hookean", "young": modulus, "poisson": 0.3} for modulus in moduli)
+    given: dict[str, Any] = {
+        "analysis": "forward",
+        "mesh": {"file": "../meshes/two_blocks.py", "parameters": shape | mesh},
+        "material": {"lower": lower, "upper": upper},
+        "discretisation": {"displacement": 1},
+        "supports": [
+            {"region": "x0", "fix": ["x"]},
+            {"region": "y0", "fix": ["y"]},
+            {"region": "y1", "fix": ["y"]},
+            {"region": "z0", "fix": ["x", "z"]},
+            {"region": "z1", "displacement": [0, None, -down]},
+        ],
+        "interfaces": [{"between": ["bottom", "top"], "kind": "contact"}],
+    }
+    contact = hpcinv.run(job(**given | data), comm).solutions[0].contacts[0]
+    stiffness = 1 / sum((1 - 0.3**2) / modulus for modulus in moduli)
+    force = 2 * abs(contact.force[2]) / WIDTH
+    half = np.sqrt(4 * force * radius / (np.pi * stiffness))
+    largest = 2 * force / (np.pi * half)
+    assert 2 / cells < half < 0.4
+    return contact.largest_pressure / largest, contact.area / WIDTH / half, half * cells, largest
+
+
+def bound(cells: float) -> float:
+    """Return the error of the pressure by the rim of one cell at the end of the contact."""
+    return float((2 / cells) ** 1.5 * 4 / (3 * np.pi))
+
+
+def test_cylinder_on_a_block_has_the_pressure_of_hertz(comm: MPI.Intracomm) -> None:
+    pressure, width, cells, _ = pressed(comm, 12, 25.0, (1.0, 1.0), 0.003)
+    assert pressure == pytest.approx(1.0, abs=bound(cells))
+    assert width == pytest.approx(1.0, abs=1 / cells)
+
+
+@pytest.mark.release
+def test_pressure_of_hertz_is_approached_on_finer_meshes(comm: MPI.Intracomm) -> None:
+    errors = [abs(pressed(comm, n, 25.0, (1.0, 1.0), 0.003)[0] - 1) for n in (12, 20, 32)]
+    assert errors[0] > 1.5 * errors[1] > 1.5 * 1.2 * errors[2]
+
+
+@pytest.mark.release
+def test_bodies_of_unequal_moduli_have_the_pressure_of_hertz(comm: MPI.Intracomm) -> None:
+    """Moduli, radius and width as of the cylinder of NAFEMS' contact benchmark 1, relative to a block of 40 mm."""
+    pressure, width, cells, _ = pressed(comm, 30, 1.25, (1.0, 3.0), 0.02)
+    assert pressure == pytest.approx(1.0, abs=bound(cells) + 0.02)
+    assert width == pytest.approx(1.0, abs=1 / cells + 0.02)
