@@ -98,6 +98,7 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     intervals = {line.interval["of"]: line.interval for line in result.certificate.lines if line.interval}
     low, high = (intervals["gap"][end] for end in ("low", "high"))
     assert low < 0.51 < high
+    assert intervals["energy"]["unit"] == "N m"
     least, most = (intervals["energy"][end] for end in ("low", "high"))  # whose ends are not where p = 0 or conforming
     assert least < there.quantities["energy"] < most
     assert least < 0.9 * result.quantities["energy"]

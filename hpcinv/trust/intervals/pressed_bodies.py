@@ -14,6 +14,7 @@ import numpy as np
 
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contacts import ContactReport
@@ -70,9 +71,16 @@ class PressedBodies:
         equations.put(solution)
         self._pairs: list[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
         self.start: Floats = np.concatenate([pair.pressures[pair.pressing] for pair in self._pairs])
-        self.units = {q.name: q.unit for q in self._quantities}
+        self.units = {q.name: self._unit(q) for q in self._quantities}
         for pair in self._pairs:
             self.units |= {f"force on {pair.spec.between[0]}": "N", f"mean rest gap at {pair.spec.between[0]}": "m"}
+
+    def _unit(self, quantity: QuantityOfInterest) -> str:
+        """Return the SI unit of a quantity; an integral is over the cells of its region, if it has some."""
+        region = self._body.regions.get(quantity.on or "")
+        if quantity.reduce != "integral" or region is None:
+            return quantity.unit
+        return quantity.unit_of_integral(3 if region.cell_count else 2)
 
     def destroy(self) -> None:
         """Free PETSc objects."""
