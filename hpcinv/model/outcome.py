@@ -35,7 +35,7 @@ class Outcome(enum.Enum):
     LIMIT_POINT = "the load reaches a limit point here"
     ANOTHER_PATH = "the solution found there does not belong to the path from the unloaded body"
     PASSED_THROUGH = (
-        "the surface of the body would pass through an obstacle",
+        "the surface of the body would pass through an obstacle or another surface",
         "Take smaller steps (solver.minimum_step, solver.steps), or refine the mesh near a thin obstacle.",
     )
     CONTACT_LIMIT = (

@@ -40,6 +40,7 @@ from hpcinv.model.interfaces.node_gaps import NodeGaps
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
 from hpcinv.model.interfaces.refused_surfaces import check_overlap, refuse_surfaces
 from hpcinv.model.interfaces.segments import segments
+from hpcinv.model.interfaces.surface_passage import SurfacePassage
 from hpcinv.model.spaces import Unknowns
 
 _DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
@@ -327,8 +328,10 @@ class SurfacePair:
 
     # The part of a contact.
 
-    def passage(self, unknowns: Unknowns) -> None:
-        """Return None: bodies that pass through each other are not followed."""
+    def passage(self, unknowns: Unknowns) -> SurfacePassage | None:
+        """Return the ways of bodies in contact that a forward solve must not lead through each other."""
+        is_followed = self._sign > 0 and not self._law.pulls
+        return SurfacePassage(self.surfaces, self._body, unknowns) if is_followed else None
 
     def reset(self) -> None:
         self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
