@@ -64,8 +64,10 @@ def test_cylinder_on_a_block_has_the_pressure_of_hertz(comm: MPI.Intracomm) -> N
 
 @pytest.mark.release
 def test_pressure_of_hertz_is_approached_on_finer_meshes(comm: MPI.Intracomm) -> None:
-    errors = [abs(pressed(comm, n, 25.0, (1.0, 1.0), 0.003)[0] - 1) for n in (12, 20, 32)]
-    assert errors[0] > 1.5 * errors[1] > 1.5 * 1.2 * errors[2]
+    """On still finer meshes 3 % remain: the bodies are 3.7 a high and wide, and Hertz' are half-spaces."""
+    errors = [abs(pressed(comm, n, 25.0, (1.0, 1.0), 0.003)[0] - 1) for n in (8, 12, 20)]
+    assert errors[0] > 1.3 * errors[1] > 1.3**2 * errors[2]
+    assert errors[2] < 0.04
 
 
 @pytest.mark.release
