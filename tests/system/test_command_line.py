@@ -348,7 +348,7 @@ def test_unknown_options_are_refused_with_the_usage_of_the_command(
 
 
 def test_without_a_command_all_are_listed() -> None:
-    refused(python("-m", "hpcinv"), 2, "validate  check job, study and sweep")
+    refused(python("-m", "hpcinv"), 2, "check job, study and sweep files")
 
 
 def test_from_python_a_run_gives_its_result_and_writes_nothing(

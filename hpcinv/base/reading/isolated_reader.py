@@ -131,7 +131,7 @@ ACTIONS: dict[str, _Action] = {
 
 
 def action_of(name: str) -> _Action:
-    """Return an action: one of this program, or ``read_NAME`` of the format in ``hpcinv/formats/NAME.py``."""
+    """Return an action: one of this program, or ``read_NAME`` in the module NAME of ``hpcinv.formats``."""
     return ACTIONS[name] if name in ACTIONS else _reader(f"formats.{name}", f"read_{name}")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
-from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape
+from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
 from hpcinv.job.sections import AXES, Support
@@ -76,6 +76,7 @@ def loaded_body(run: Path) -> LoadedBody:
         OutputError: it is not finished, its files lack nodes of the computed body, or it has what no deck can say; with
             a line for each part of the job.
     """
+    doubt = unchecked(run)
     job = RunDirectory(run).job(None)
     _refuse(run, _kinds_without_deck(job))
     rest, loaded = read_shape(run, UNDEFORMED), read_shape(run, DEFORMED)
@@ -88,6 +89,7 @@ def loaded_body(run: Path) -> LoadedBody:
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
     faults = [*_supports(body, job.supports), *add_loads(body, job.effects)]
     _refuse(run, faults)
+    body.notes += [doubt] if doubt else []
     return body
 
 

@@ -104,7 +104,8 @@ def slopes(
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
     fields = fields or fields_for(quantities, body, weak_form, equations.scales)
-    located = check_points(quantities, body)
+    is_given = any(change.reference is None for _, change in changes)  # else points are carried to each shape
+    located = check_points(quantities, body) if is_given else None
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
         moved, wanted = solution, quantities
