@@ -27,6 +27,7 @@ from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityOfInterest, QuantityValue
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh import Body
 from hpcinv.mesh.location import Point, PointLocation
 from hpcinv.mesh.source import Floats
 from hpcinv.model.constraint_report import ConstraintReport
@@ -104,12 +105,10 @@ def slopes(
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
     fields = fields or fields_for(quantities, body, weak_form, equations.scales)
-    is_given = any(change.reference is None for _, change in changes)  # else points are carried to each shape
-    located = check_points(quantities, body) if is_given else None
+    located = _located(quantities, body, changes)
 
     def values_at(change: Change, shift: float) -> dict[str, Floats]:
-        moved, wanted = solution, quantities
-        places: Mapping[Point, PointLocation | None] | None = located
+        moved, wanted, places = solution, quantities, located
         if change.reference is not None:
             moved = change.reference.moved(solution, shift)
             wanted, places = list(carried(quantities, body, moved.mesh_nodes)), None
@@ -139,6 +138,14 @@ def slopes(
                 slope = _checked(slope, [v[name] for v in short_values], SHORT * step)
             key_slopes[parameter.key] = slope.tolist()
     return derivatives
+
+
+def _located(
+    quantities: Sequence[QuantityOfInterest], body: Body, changes: Sequence[tuple[Parameter, Change]]
+) -> Mapping[Point, PointLocation | None] | None:
+    """Return where points of quantities are; ``None`` if all changes move the mesh, and points with it. Collective."""
+    is_there = any(change.reference is None for _, change in changes)
+    return check_points(quantities, body) if is_there else None
 
 
 def _kinked(quantities: Iterable[QuantityOfInterest], is_job_kinked: bool) -> set[str]:
