@@ -26,6 +26,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.surface_rotations import surface_rotations
@@ -264,20 +265,14 @@ class Friction:
         count, height, width = blocks.shape
         sizes = self._left.getLocalSize(), 3 * count
         start, end = self._left.getOwnershipRange()
-        matrix = PETSc.Mat().create(self._comm)  # type: ignore[arg-type]  # its stub knows no mpi4py
         own = PETSc.DECIDE if width == 1 else sizes[0]
-        matrix.setSizes((sizes, (own, columns)))
-        matrix.setType(PETSc.Mat.Type.AIJ)
         rows, places = np.broadcast_arrays(
             np.arange(3 * count).reshape(count, height, 1),
             width * np.arange(count)[:, None, None] + np.arange(width),
         )
         own_rows = (rows >= start) & (rows < end)
-        chosen: Any = rows[own_rows].astype(PETSc.IntType), places[own_rows].astype(PETSc.IntType)
-        matrix.setPreallocationCOO(*chosen)
-        values: Any = blocks[own_rows]
-        matrix.setValuesCOO(values)
-        return matrix
+        chosen = rows[own_rows], places[own_rows]
+        return matrix_of_entries(self._comm, sizes, (own, columns), chosen, blocks[own_rows])
 
     # Results.
 

@@ -7,13 +7,12 @@ sum up to 1: a constant pressure gives both bodies the exact nodal forces, and t
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets
 from hpcinv.model.interfaces.segments import Segments
 
@@ -101,15 +100,8 @@ class Jump:
         return scaled
 
     def _matrix(self, rows: Ints, columns: Ints, values: Floats, count: int, owned: int) -> PETSc.Mat:
-        rows_and_columns: Any = (rows.astype(PETSc.IntType), columns.astype(PETSc.IntType))  # arrays will do
-        comm: Any = self._comm
-        given: Any = values
-        matrix = PETSc.Mat().create(comm)
-        matrix.setSizes(((PETSc.DECIDE, count), (owned, PETSc.DETERMINE)))
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setPreallocationCOO(*rows_and_columns)
-        matrix.setValuesCOO(given)
-        return matrix
+        sizes = (PETSc.DECIDE, count), (owned, PETSc.DETERMINE)
+        return matrix_of_entries(self._comm, *sizes, (rows, columns), values)
 
 
 def _summed(places: Ints, values: Floats, unknowns: Ints) -> tuple[Ints, Ints, Floats]:

@@ -12,6 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets, gathered
 from hpcinv.model.interfaces.segments import OPPOSITE, seen_points, tangents_of
 
@@ -40,13 +41,8 @@ class NodeGaps:
         self.points: Floats = np.concatenate(comm.allgather(self._points))
         rows_of_entries = np.broadcast_to(start + np.arange(count)[:, None, None], columns.shape)
         entries = values[:, :, None] * normals[:, None, :]
-        places: Any = (rows_of_entries.ravel().astype(PETSc.IntType), columns.ravel().astype(PETSc.IntType))
-        self._matrix = PETSc.Mat().create(comm)
-        self._matrix.setSizes(((count, PETSc.DETERMINE), (owned, PETSc.DETERMINE)))
-        self._matrix.setType(PETSc.Mat.Type.AIJ)
-        self._matrix.setPreallocationCOO(*places)
-        given: Any = np.ascontiguousarray(entries).ravel()
-        self._matrix.setValuesCOO(given)
+        sizes = (count, PETSc.DETERMINE), (owned, PETSc.DETERMINE)
+        self._matrix = matrix_of_entries(comm, *sizes, (rows_of_entries, columns), entries)
         self._left = self._matrix.createVecLeft()
 
     def rates(self, direction: PETSc.Vec) -> Floats:

@@ -9,7 +9,6 @@ is, and ``c = 0`` says where the part is.
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,6 +18,7 @@ from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.errors import MeshError
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.contacts import MOST_UNBALANCED
+from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.spaces import Unknowns
 
 STIFFNESS = 1.0
@@ -63,15 +63,10 @@ class Pins:
         rows = np.repeat(np.arange(self.count), 3 * len(chosen))
         columns = np.tile(numbers[chosen].ravel(), self.count)
         self._owned = unknowns.space.dofmap.index_map.size_local * unknowns.space.dofmap.index_map_bs
-        mine = comm.rank == 0
-        on_all: Any = comm
-        self._matrix = PETSc.Mat().create(on_all)
-        self._matrix.setSizes(((PETSc.DECIDE, self.count), (self._owned, PETSc.DETERMINE)))
-        self._matrix.setType(PETSc.Mat.Type.AIJ)
-        entries: Any = [part.astype(PETSc.IntType)[: None if mine else 0] for part in (rows, columns)]
-        values: Any = self._rates.ravel()[: None if mine else 0]
-        self._matrix.setPreallocationCOO(*entries)
-        self._matrix.setValuesCOO(values)
+        own = slice(None if comm.rank == 0 else 0)  # all have the entries, and one rank adds them
+        sizes = (PETSc.DECIDE, self.count), (self._owned, PETSc.DETERMINE)
+        entries = (rows[own], columns[own])
+        self._matrix = matrix_of_entries(comm, *sizes, entries, self._rates.ravel()[own])
         self._left, self._right = self._matrix.createVecLeft(), self._matrix.createVecRight()
 
     def _rigid(self, places: Floats) -> Floats:

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets
 from hpcinv.model.interfaces.segments import Segments
 
@@ -53,15 +54,7 @@ class PressedSegments:
         self._at_points: PETSc.Vec = self._jumps.createVecLeft()
 
     def _matrix(self, rows: Any, row_numbers: Ints, columns: Ints, values: Floats) -> PETSc.Mat:
-        comm: Any = self._comm
-        matrix = PETSc.Mat().create(comm)
-        matrix.setSizes((rows, (self._owned, PETSc.DETERMINE)))
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        places: Any = (row_numbers.ravel().astype(PETSc.IntType), columns.ravel().astype(PETSc.IntType))
-        given: Any = np.ascontiguousarray(values).ravel()
-        matrix.setPreallocationCOO(*places)
-        matrix.setValuesCOO(given)
-        return matrix
+        return matrix_of_entries(self._comm, rows, (self._owned, PETSc.DETERMINE), (row_numbers, columns), values)
 
     def areas(self, points: Floats) -> Floats:
         """Return the area vectors (n, 3) with the nodes of the facets at ``points`` (facets, nodes, 3)."""
