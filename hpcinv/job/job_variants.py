@@ -8,7 +8,6 @@ from typing import Annotated, Any, NamedTuple, cast
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationInfo
 
 from hpcinv.base.quantity.schema import Spec
-from hpcinv.errors import JobError
 from hpcinv.job.job import SECTIONS, Job, keep_source, parse, with_sections
 from hpcinv.job.preamble import Preamble
 
@@ -68,7 +67,7 @@ class JobVariants:
             job = with_sections(template.sections, read, cast(ValidationInfo, info))
             if job is not None:
                 keep_source(job, self.path, content, untrusted=self.untrusted)
-        except (ValueError, JobError):
+        except Exception:  # of a plugin, too
             return None
         return job
 

@@ -91,3 +91,39 @@ def test_planned_cases_have_the_keys_of_single_jobs(name: str) -> None:
     for case in plan.cases[:: max(1, len(plan.cases) // 5)]:
         assert case.key == content_key(plan.job(case))
         assert case.reuse_group == reuse_group_of(plan.job(case))
+
+
+PLUGIN = '''
+from typing import Any, ClassVar, Literal
+
+from hpcinv.base.quantity import StressField
+from hpcinv.physics.materials.isochoric import IsochoricLaw
+
+
+class Brittle(IsochoricLaw):
+    """A law whose check fails."""
+
+    formula = "mu/2*(I1_bar - 3)"
+    example: ClassVar = {"law": "brittle-variant", "mu": "2 kPa", "kappa": "1 MPa"}
+    law: Literal["brittle-variant"] = "brittle-variant"
+    mu: StressField
+
+    def shear_modulus(self, par: Any) -> Any:
+        return par.mu
+
+    def _contradictions(self, info):
+        {2e3: None, 3e3: None}[float(self.mu)]
+        yield from super()._contradictions(info)
+'''
+
+
+def test_a_plugin_that_fails_is_named(tmp_path: Path) -> None:
+    (tmp_path / "brittle.py").write_text(PLUGIN)
+    law = {"law": "brittle-variant", "mu": "2 kPa", "kappa": "1 MPa"}
+    mesh = {"file": str(JOBS.parent / "meshes" / "box.py")}
+    data = {**read_yaml(BEAM), "mesh": mesh, "plugins": ["brittle.py"], "material": law}
+    variants = JobVariants(tmp_path / "job.yaml", untrusted=False)
+    variants.job(data)
+    variants.job(assigned(data, {"material.mu": "3 kPa"}))
+    with pytest.raises(JobError, match=r"plugins: a law or effect failed where it was checked: .*brittle\.py, line"):
+        variants.job(assigned(data, {"material.mu": "4 kPa"}))

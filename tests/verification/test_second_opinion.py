@@ -20,7 +20,7 @@ from hpcinv.errors import OutputError
 from hpcinv.job.job import load
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
-from hpcinv.studies.second_opinion.calculix import NoOpinion
+from hpcinv.studies.second_opinion.calculix import NoOpinion, version
 from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, LoadedBody, add_loads, loaded_body
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
@@ -150,6 +150,11 @@ def test_another_load_is_a_warning(plain_run: Path, tmp_path: Path) -> None:
             'printf "\\n displacements (vx,vy,vz) for set A and time  0.4E+00\\n\\n 1 0.0 0.0 0.0\\n" > $1.dat',
             "ended at 0.4 of the load",
         ),
+        (
+            'printf "\n displacements for set A and time  1.0\n\n" > $1.dat; '
+            'for n in $(seq 99); do echo "$n 0.0 ****** 1.0-101" >> $1.dat; done',
+            "printed displacements that are not finite",
+        ),
     ],
 )
 def test_a_program_that_fails_is_not_decided_and_its_words_are_shown(
@@ -187,6 +192,18 @@ def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> No
         loaded_body(run)
     assert "supports[1]: 'fix: [normal]' holds a direction" in str(error.value)
     assert "effects[3]: 'elastic-foundation' has no counterpart" in str(error.value)
+
+
+def test_a_law_of_a_region_that_the_file_has_not_is_refused(tmp_path: Path) -> None:
+    law = BODY["material"]
+    halves = {"low": "z <= 0.1001 m", "high": "z >= 0.0999 m"}
+    run = solved(tmp_path, regions=halves, material={"low": law, "high": law | {"mu": 2e4}})
+    with pytest.raises(OutputError, match="has no region 'low'"):
+        loaded_body(run)
+
+
+def test_a_program_that_says_no_version_has_none(tmp_path: Path) -> None:
+    assert version(written(tmp_path / "program", "cat; echo done")) == ""
 
 
 def test_a_deck_has_the_places_of_its_nodes_in_its_unit(plain_run: Path, tmp_path: Path) -> None:

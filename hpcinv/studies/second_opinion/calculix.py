@@ -43,7 +43,12 @@ def command(given: str | None) -> str:
 
 def version(program: str) -> str:
     """Return the version that the program prints; empty if it prints none."""
-    done = subprocess.run([program, "-v"], capture_output=True, text=True, check=False, timeout=60)
+    try:
+        done = subprocess.run(
+            [program, "-v"], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=60
+        )
+    except subprocess.TimeoutExpired:
+        return ""
     found = re.search(r"[Vv]ersion (\S+)", done.stdout + done.stderr)
     return found[1] if found else ""
 
@@ -86,10 +91,13 @@ def displacements(program: str, deck: Path, tags: Ints, limit: float, memory: in
     if last is None or last[0] < 1 - 1e-6:
         reached = "reached no load" if last is None else f"ended at {last[0]:.3g} of the load"
         raise _stopped(reached, log)
-    by_tag = {int(row[0]): row[1:] for row in last[1]}
+    by_tag = {int(row[0]): row[1:] for row in last[1] if np.isfinite(row[0])}
     if missing := [tag for tag in tags.tolist() if tag not in by_tag]:
         raise _stopped(f"printed no displacement of node {missing[0]}", log)
-    return np.array([by_tag[tag] for tag in tags.tolist()])
+    found = np.array([by_tag[tag] for tag in tags.tolist()])
+    if not np.isfinite(found).all():
+        raise _stopped("printed displacements that are not finite", log)
+    return found
 
 
 def _stopped(what: str, log: Path) -> NoOpinion:
@@ -97,6 +105,14 @@ def _stopped(what: str, log: Path) -> NoOpinion:
     lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines() if line.strip(" _\t")]
     words = "\n".join(f"  {line}" for line in lines[-_LAST_LINES:])
     return NoOpinion(f"{PROGRAM} {what}; its last lines:\n{words}", f"Its files stay in {log.parent}.")
+
+
+def _number(word: str) -> float:
+    """Return a number as Fortran writes it; NaN for what is none, such as asterisks for one that does not fit."""
+    try:
+        return float(_EXPONENT.sub(r"\1E\2", word))
+    except ValueError:
+        return np.nan
 
 
 def _last_block(path: Path) -> tuple[float, list[list[float]]] | None:
@@ -111,5 +127,5 @@ def _last_block(path: Path) -> tuple[float, list[list[float]]] | None:
     for line in lines:
         words = line.split()
         if len(words) == 4:
-            block.append([float(_EXPONENT.sub(r"\1E\2", word)) for word in words])
+            block.append([_number(word) for word in words])
     return (float(found[1]) if found else 0.0), block

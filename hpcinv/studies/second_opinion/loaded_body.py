@@ -86,6 +86,8 @@ def loaded_body(run: Path) -> LoadedBody:
             "Run it with 'mesh: {geometry_degree: 2}', or with 'discretisation: {displacement: 1}'.",
         )
     laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
+    for region in filter(None, laws):
+        group_of(rest, region, 3)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
     faults = [*_supports(body, job.supports), *add_loads(body, job.effects)]
     _refuse(run, faults)

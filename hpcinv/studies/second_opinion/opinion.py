@@ -158,6 +158,8 @@ def _with_their_elements(run: Path, job: Job, element: str) -> tuple[Floats | No
         return None, "ours have 27 nodes"
     if not job.is_mixed:
         return read_shape(run, DEFORMED).points, ""
+    if any(support.moves for support in job.supports):
+        return None, "a support moves, as formulas and motions on the given body say"
     rest = run / "shape.msh"
     if job.directions[0] != "inverse" or not is_file(rest):
         return None, "the run has no file shape.msh of the rest shape"
