@@ -5,32 +5,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo
 
-from hpcinv.base.quantity import Force, Length
-from hpcinv.base.quantity.quantity import Stress
+from hpcinv.base.quantity import Length
 from hpcinv.base.quantity.schema import Faults, Spec
+from hpcinv.physics.effects.closures import GAP_CLOSURES, MOST_FRICTION, Closure, Known
 
 type Kind = Literal["tied", "sliding", "contact"]
-type Closure = Literal["touching", "conforming", "gap", "stick", "coulomb", "given"]
-_MOST_FRICTION = 2.0
-"""Largest coefficient of friction: dry rubber on rough ground. Raised, mistyped ones pass."""
-
-
-class Known(Spec):
-    """What is known of an interface in contact; it narrows the interval of `uncertainty: contact`."""
-
-    greatest_pressure: Stress | None = None
-    """bound of the pressure"""
-    greatest_rest_gap: Length | None = None
-    """bound of the gap of the unloaded bodies, where their surfaces face each other"""
-    force: Annotated[tuple[Force, Force], Field(strict=False)] | None = None
-    """least and greatest force by which the bodies press on each other: ``∫ p dA``"""
-
-    def _contradictions(self, info: ValidationInfo) -> Faults:
-        for name in ("greatest_pressure", "greatest_rest_gap"):
-            if (bound := getattr(self, name)) is not None and bound <= 0:
-                yield (name,), "must be positive"
-        if self.force is not None and not 0 <= self.force[0] <= self.force[1]:
-            yield ("force",), "must be a least and a greatest force, both not negative"
 
 
 class Interface(Spec):
@@ -62,8 +41,8 @@ class Interface(Spec):
             yield ("between",), "names one region twice: name the two surfaces that face each other"
         if self.friction and self.kind != "contact":
             yield ("friction",), f"is not valid with 'kind: {self.kind}': give it to 'kind: contact'"
-        if not 0 <= self.friction <= _MOST_FRICTION:
-            yield ("friction",), f"must be from 0 to {_MOST_FRICTION:g}"
+        if not 0 <= self.friction <= MOST_FRICTION:
+            yield ("friction",), f"must be from 0 to {MOST_FRICTION:g}"
         if self.closure is not None and self.kind != "contact":
             yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
         if self.touches_within is not None and self.closure is None:
@@ -78,7 +57,7 @@ class Interface(Spec):
     @property
     def assumes_gap(self) -> bool:
         """True if the gap of the unloaded bodies determines the pressure on a given deformed shape."""
-        return self.closure in ("conforming", "gap", "stick", "coulomb")
+        return self.closure in GAP_CLOSURES
 
 
 def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str], uncertainty: str | None) -> Faults:
