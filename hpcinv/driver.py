@@ -147,7 +147,7 @@ class _Outputs(StepControl):
         for line in notes_on_ffcx():
             progress.note(f"  {line}")
         self.report = RunReport(job, first, store, progress, totals, prepared.record, prepared.unused_options)
-        self.checkpoints = CheckpointWriter(checkpoints, store, first, self.restart)
+        self.checkpoints = CheckpointWriter(checkpoints, store, first, progress.warn, self.restart)
         self.snapshots = SnapshotWriter(store, first, self.restart)
         super().__init__(Observers(progress, self.checkpoints, self.snapshots, self.report, stop))
         self._spreads = spreads_of(job, prepared.body)

@@ -20,7 +20,6 @@ from typing import Any, Self
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-import adios4dolfinx
 import numpy as np
 from dolfinx.fem import Function
 
@@ -32,6 +31,7 @@ from hpcinv.job.fingerprint import check_same_problem
 from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.model.outcome import Outcome
+from hpcinv.on_demand import on_demand
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Start
 from hpcinv.solver.newton import NewtonIteration, Solve
@@ -84,8 +84,7 @@ class Restart:
 
     def read(self, name: str, function: Function) -> None:
         """Read the function that was saved under ``name``; collective."""
-        adios4dolfinx.read_function(self.path / "functions.bp", function, name=name)
-        function.x.scatter_forward()
+        on_demand("function of a file")(self.path / "functions.bp", name, function)
 
 
 class Checkpoints:
@@ -105,14 +104,16 @@ class Checkpoints:
         Raises:
             OutputError: on every rank if there is no space for it, else on each rank that cannot write it; earlier
                 checkpoints are kept.
+            SystemPartMissing: on all ranks, if this installation cannot write checkpoints.
         """
+        write_function = on_demand("file of functions")
         number = on_root(self.comm, lambda: max((int(p.name) for p in self._all()), default=0) + 1)
         partial = self.directory / f".partial-{number:04}"
         size = sum(map(_size, functions.values()))
         on_root(self.comm, lambda: _create(partial, size))
         try:
             for name, function in functions.items():
-                adios4dolfinx.write_function_on_input_mesh(partial / "functions.bp", function, name=name)
+                write_function(partial / "functions.bp", name, function)
         except RuntimeError as exc:  # the only exception of ADIOS2
             raise _unwritable(partial, _reason(exc, partial, size)) from exc
         self.comm.Barrier()

@@ -1,11 +1,11 @@
 """Writer of checkpoints during a run: after a number of steps, and when the run stops early."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from dolfinx.fem import Function
 
-from hpcinv.errors import OutputError
+from hpcinv.errors import OutputError, SystemPartMissing
 from hpcinv.output.checkpoint import Checkpoints, Position, Restart, named
 from hpcinv.output.run_store import RunStore
 from hpcinv.results.solution import Solution
@@ -18,13 +18,19 @@ class CheckpointWriter(Observer):
     """Writes checkpoints at the intervals of the job, and of the last state before a run stops.
 
     Args:
+        warn: prints a sentence, if this installation cannot write checkpoints.
         restart: the checkpoint from which the run was resumed.
     """
 
     def __init__(
-        self, checkpoints: Checkpoints | None, store: RunStore, equations: Equations, restart: Restart | None = None
+        self,
+        checkpoints: Checkpoints | None,
+        store: RunStore,
+        equations: Equations,
+        warn: Callable[[str], None],
+        restart: Restart | None = None,
     ) -> None:
-        self._checkpoints, self._store, self._equations = checkpoints, store, equations
+        self._checkpoints, self._store, self._equations, self._warn = checkpoints, store, equations, warn
         self._settings, self._comm = equations.job.checkpoint, equations.body.mesh.comm
         self._finished: list[Solution] = []
         self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
@@ -87,4 +93,8 @@ class CheckpointWriter(Observer):
             except OutputError:  # raised on some ranks only
                 self._store.check_in_place_on_this_rank()
                 raise
+            except SystemPartMissing as exc:  # the run can end without them
+                self._checkpoints = None
+                self._warn(f"no checkpoints: {exc.message}\n  {exc.advice}")
+                return
         self._saved = position

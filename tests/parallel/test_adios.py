@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
+from hpcinv.base.parallel.adios import adios2
 
 # isort: split
-import adios2
 import numpy as np
 
 MANY = 3000

@@ -27,26 +27,55 @@ bindings = SimpleNamespace(is_built_with_mpi=False, __version__="2.10.0")
 """
 
 
+def _with_part(module: str, text: str, place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in an installation in which a package is another."""
+    (place / module).mkdir(exist_ok=True)
+    (place / module / "__init__.py").write_text(text)
+    command = [sys.executable, "-m", "hpcinv", *arguments]
+    settings = environment(PYTHONPATH=os.pathsep.join([str(place), str(ROOT)]))
+    return subprocess.run(command, cwd=place, env=settings, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_another_dolfinx_is_refused(tmp_path: Path) -> None:
+    arguments = ["run", str(ROOT / "jobs" / "column.yaml"), "--output", "out"]
+    ended = _with_part("dolfinx", "__version__ = '0.9.0'", tmp_path, *arguments)
+    assert ended.returncode == 5, ended.stderr
+    assert "DOLFINx 0.9.0 is installed, and hpcinv needs 0.11" in ended.stderr
+    assert "docs/start/installing.md" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("module", "text", "message"),
     [
-        ("dolfinx", "__version__ = '0.9.0'", "DOLFINx 0.9.0 is installed, and hpcinv needs 0.11"),
         ("adios2", WITHOUT_MPI, "adios2 cannot be imported: version 2.10.0 was built without MPI"),
         ("adios4dolfinx", "raise ImportError('no such library')", "adios4dolfinx cannot be imported: no such library"),
     ],
 )
-def test_an_unsuitable_part_is_named(tmp_path: Path, module: str, text: str, message: str) -> None:
-    (tmp_path / module).mkdir()
-    (tmp_path / module / "__init__.py").write_text(text)
-    command = [sys.executable, "-m", "hpcinv", "run", str(ROOT / "jobs" / "column.yaml"), "--output", "out"]
-    settings = environment(PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
-    ended = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, timeout=120)
+def test_a_run_without_the_packages_of_checkpoints_ends_without_them(
+    tmp_path: Path, module: str, text: str, message: str
+) -> None:
+    """Plain pip does not install adios4dolfinx."""
+    write_job(tmp_path / "column.yaml", COLUMN | {"checkpoint": {"every": 1, "seconds": 0}})
+    ended = _with_part(module, text, tmp_path, "run", "column.yaml", "--output", "out")
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.count(f"no checkpoints: {message}") == 1
+    assert "docs/start/installing.md" in ended.stdout
+    assert ("pip install --no-deps" in ended.stdout) == (module == "adios4dolfinx")
+    assert (tmp_path / "out" / "summary.json").is_file()
+
+
+def test_a_resume_without_the_packages_of_checkpoints_is_refused(tmp_path: Path) -> None:
+    write_job(tmp_path / "column.yaml", COLUMN | {"checkpoint": {"every": 1, "seconds": 0}})
+    _with_part("nothing", "", tmp_path, "run", "column.yaml", "--output", "out")
+    assert list((tmp_path / "out" / "checkpoints").iterdir())
+    (tmp_path / "out" / "summary.json").unlink()
+    ended = _with_part("adios4dolfinx", "raise ImportError('no such library')", tmp_path, "resume", "out")
     assert ended.returncode == 5, ended.stderr
-    assert message in ended.stderr
-    assert "docs/start/installing.md" in ended.stderr
-    assert ("pip install --no-deps" in ended.stderr) == (module == "adios4dolfinx")
+    assert "adios4dolfinx cannot be imported: no such library" in ended.stderr
     assert "Traceback" not in ended.stderr
-    assert not (tmp_path / "out").exists()
+    assert list((tmp_path / "out" / "checkpoints").iterdir())
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.errors import Interrupted, OutputError, SolveError
+from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError, SystemPartMissing
 from hpcinv.model.outcome import Outcome
 from hpcinv.output import checkpoint_writer, run_report
 from hpcinv.output.checkpoint_writer import CheckpointWriter
@@ -43,7 +43,7 @@ def ended(load: float, *solves: Solve, stopped: bool = False, can_restart: bool 
 class Written:
     """Stand-in for checkpoints: the positions and functions that were written."""
 
-    def __init__(self, error: OutputError | None = None) -> None:
+    def __init__(self, error: HpcinvError | None = None) -> None:
         self.positions: list[tuple[int, float, int]] = []
         self.functions: list[str] = []
         self.error = error
@@ -55,7 +55,14 @@ class Written:
         self.functions = [*functions]
 
 
-def writer(written: Written | None, *, every: int, seconds: float = 0.0, here: bool = True) -> CheckpointWriter:
+def writer(
+    written: Written | None,
+    *,
+    every: int,
+    seconds: float = 0.0,
+    here: bool = True,
+    warn: Callable[[str], None] = lambda text: None,
+) -> CheckpointWriter:
     def check_in_place() -> None:
         if not here:
             raise OutputError("it was removed")
@@ -68,7 +75,18 @@ def writer(written: Written | None, *, every: int, seconds: float = 0.0, here: b
         state=lambda: SimpleNamespace(fields=("u", None)),
     )
     checkpoints: Any = written
-    return CheckpointWriter(checkpoints, store, model)
+    return CheckpointWriter(checkpoints, store, model, warn)
+
+
+def test_a_run_goes_on_without_checkpoints_where_they_cannot_be_written() -> None:
+    warnings = list[str]()
+    observer = writer(
+        Written(SystemPartMissing("adios2 cannot be imported", "Install it.")), every=1, warn=warnings.append
+    )
+    for load in (0.5, 1.0):
+        observer.solved(event(load))
+    assert warnings == ["no checkpoints: adios2 cannot be imported\n  Install it."]
+    assert not observer.can_save
 
 
 def test_a_checkpoint_is_written_after_so_many_accepted_steps() -> None:

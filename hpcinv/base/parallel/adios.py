@@ -2,14 +2,21 @@
 
 Bindings and libraries of one version have the same classes. The bindings lack one function, the constructor of ADIOS
 with a communicator, which is called here in the library. This avoids compiling ADIOS2, which takes minutes.
-Import DOLFINx first: only then do the bindings use its libraries, and not their own without MPI.
+DOLFINx is imported first: only then do the bindings use its libraries, and not their own without MPI.
+
+Import ``adios2`` from here: only files of meshes and of checkpoints need it.
 """
 
 import ctypes
 
-import adios2
+from hpcinv.base.parallel.runtime import INSTALLING, MPI
+from hpcinv.errors import SystemPartMissing
 
-from hpcinv.base.parallel.ranks import MPI
+# isort: split
+try:
+    import adios2
+except ImportError as error:
+    raise SystemPartMissing(f"adios2 cannot be imported: {error}", INSTALLING) from None
 
 TESTED = "2.12.1.1001"
 """version of the bindings without MPI whose memory layout was tested"""
@@ -21,23 +28,23 @@ class _SharedPointer(ctypes.Structure):
     _fields_ = (("object", ctypes.c_void_p), ("counter", ctypes.c_void_p))
 
 
-def provide_mpi() -> None:
+def _provide_mpi() -> None:
     """Give ADIOS2's Python bindings an ``ADIOS(comm)``, unless they were built with MPI.
 
     Raises:
-        ImportError: if bindings or libraries are not those for which this was made.
+        SystemPartMissing: bindings or libraries are not those for which this was made.
     """
     bindings = adios2.bindings
     if bindings.is_built_with_mpi:
         return
     if bindings.__version__ != TESTED:
-        raise ImportError(f"version {bindings.__version__} was built without MPI")
+        raise _missing(f"version {bindings.__version__} was built without MPI")
     try:
         library = ctypes.CDLL("libadios2_cxx_mpi.so.2.12")
         construct = library["_ZN6adios25ADIOSC1Ei"]  # adios2::ADIOS::ADIOS(MPI_Comm), where MPI_Comm is an integer
         release = library["_ZNSt16_Sp_counted_baseILN9__gnu_cxx12_Lock_policyE2EE10_M_releaseEv"]
     except (OSError, AttributeError) as exc:
-        raise ImportError(f"it was built without MPI, and DOLFINx has no ADIOS2 with MPI ({exc})") from None
+        raise _missing(f"it was built without MPI, and DOLFINx has no ADIOS2 with MPI ({exc})") from None
     construct.argtypes, construct.restype = [ctypes.c_void_p, ctypes.c_int], None
     release.argtypes, release.restype = [ctypes.c_void_p], None
 
@@ -54,3 +61,11 @@ def provide_mpi() -> None:
             construct(ctypes.byref(content), comm.handle)
 
     bindings.ADIOS, bindings.is_built_with_mpi = ADIOS, True
+
+
+def _missing(reason: str) -> SystemPartMissing:
+    return SystemPartMissing(f"adios2 cannot be imported: {reason}", INSTALLING)
+
+
+_provide_mpi()
+__all__ = ["adios2"]

@@ -1,4 +1,4 @@
-"""Import of the compiled stack in the right order.
+"""Import of the compiled stack in the right order. ADIOS2 is left to files that need it (`hpcinv.base.parallel.adios`).
 
 Import this module before anything that loads PETSc or DOLFINx.
 """
@@ -21,23 +21,19 @@ DOLFINX = "0.11"
 """The version whose interface is used; others differ in it."""
 
 INSTALLING = "docs/start/installing.md says how DOLFINx is installed with hpcinv, and what your own must be."
-WITHOUT_DEPENDENCIES = f"Type 'pip install --no-deps adios4dolfinx=={DOLFINX}.*' (docs/start/installing.md says why)."
 
 
 def _load_stack() -> None:
-    """Import the compiled stack in the only order in which all parts share one MPI, PETSc and ADIOS2."""
+    """Import the compiled stack in the only order in which all parts share one MPI and PETSc."""
     if importlib.util.find_spec(
         "dolfinx_solver"
     ):  # in the wheel; a DOLFINx that the site has built has no such package
         importlib.import_module("dolfinx_solver")  # checks that no other PETSc is installed
-    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx", "adios2", "adios4dolfinx"):
+    for name in ("mpi4py.MPI", "petsc4py.PETSc", "dolfinx"):
         try:
             module = importlib.import_module(name)
-            if name == "adios2":
-                importlib.import_module("hpcinv.base.parallel.adios").provide_mpi()
         except ImportError as exc:
-            remedy = WITHOUT_DEPENDENCIES if name == "adios4dolfinx" else INSTALLING
-            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", remedy) from None
+            raise SystemPartMissing(f"{name.partition('.')[0]} cannot be imported: {exc}", INSTALLING) from None
         if name == "petsc4py.PETSc" and issubclass(module.ScalarType, complexfloating):
             raise SystemPartMissing("PETSc has complex scalars, and hpcinv needs real ones", INSTALLING)
         # Here, since it waits for all ranks, and some may never solve. The log measures the time of linear solves.

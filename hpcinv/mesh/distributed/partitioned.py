@@ -24,11 +24,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import adios2
 import numpy as np
 import numpy.typing as npt
 
 from hpcinv.base.mesh_formats.partitioned_header import HEADER, Header, describe_file, read_header
+from hpcinv.base.parallel.adios import adios2
 from hpcinv.base.parallel.runtime import MPI, agree, on_root
 from hpcinv.base.reading.door import trusted
 from hpcinv.errors import HpcinvError, MeshError, OutputError

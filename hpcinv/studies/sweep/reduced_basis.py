@@ -23,7 +23,6 @@ from typing import Any, Self
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-import adios4dolfinx
 import numpy as np
 from dolfinx.fem import Function
 
@@ -34,6 +33,7 @@ from hpcinv.job.job import UNNAMED, Job
 from hpcinv.job.reuse_key import digests_of_structure, numbers_of
 from hpcinv.mesh.source import Floats
 from hpcinv.output.checkpoint import cells_digest, functions_digest
+from hpcinv.output.function_files import read_function, write_function
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Guess
 from hpcinv.studies.sweep.radial_basis import RadialBasis
@@ -148,7 +148,7 @@ class ReducedBasis:
         on_root(comm, begin)
         for name, mode, values in self._modes(equations):
             mode.x.array[:] = values
-            adios4dolfinx.write_function_on_input_mesh(partial / "modes.bp", mode, name=name)
+            write_function(partial / "modes.bp", name, mode)
         comm.Barrier()
         data: dict[str, Any] = {
             "format": _FORMAT,
@@ -236,8 +236,7 @@ def _decomposed(function: Function, values: Sequence[Floats], numbers: Sequence[
 def _read(path: Path, function: Function, step: int, coefficients: Floats) -> _Field:
     modes = np.empty((coefficients.shape[1], len(function.x.array)))
     for i in range(len(modes)):
-        adios4dolfinx.read_function(path / "modes.bp", function, name=f"{function.name}-{step}-{i}")
-        function.x.scatter_forward()
+        read_function(path / "modes.bp", f"{function.name}-{step}-{i}", function)
         modes[i] = function.x.array
     return _Field(modes, coefficients)
 
