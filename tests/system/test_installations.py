@@ -4,6 +4,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -194,3 +195,26 @@ def test_dependencies_can_be_installed_by_pip_alone() -> None:
 )
 def test_the_version_is_the_same_in_each_file(file: str, line: str) -> None:
     assert line.format(__version__) in (ROOT / file).read_text().splitlines()
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("version", ["3.12", "3.13"])
+def test_the_wheel_alone_runs_a_job_in_a_bare_python(version: str, tmp_path: Path) -> None:
+    """Without extras; several minutes where the packages are not in uv's cache."""
+
+    program = os.environ.get("UV") or shutil.which("uv") or ""  # the first under "uv run"
+
+    def uv(*arguments: str) -> subprocess.CompletedProcess[str]:
+        bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        return subprocess.run(
+            [program, *arguments], cwd=tmp_path, env=bare, capture_output=True, text=True, check=False
+        )
+
+    if not program or uv("python", "find", "--no-project", version).returncode:
+        pytest.skip(f"needs uv and Python {version}")
+    assert not uv("build", "--wheel", "--out-dir", str(tmp_path), str(ROOT)).returncode
+    (wheel,) = tmp_path.glob("*.whl")
+    write_job(tmp_path / "column.yaml", COLUMN)
+    ended = uv("tool", "run", "--python", version, "--from", str(wheel), "hpcinv", "run", "column.yaml")
+    assert ended.returncode == 0, ended.stderr
+    assert "certificate: pass" in ended.stdout
