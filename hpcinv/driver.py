@@ -93,7 +93,7 @@ def run(
         solved = own.enter_context(outputs.keeping())
         _solve(prepared, outputs, solved)
         certificate, estimate, spread = _check(prepared, outputs, solved, end_late)
-        return outputs.report.conclude(
+        result = outputs.report.conclude(
             Result(
                 prepared.job,
                 prepared.body,
@@ -106,6 +106,7 @@ def run(
                 spread,
             )
         )
+        return outputs.report.with_second_opinion(result) if job.second_opinion else result
 
 
 @dataclass

@@ -64,6 +64,7 @@ FUNCTIONS = {
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
     "rigid motion": "hpcinv.physics.kinematics.rigid_motion:RigidMotion",
     "search for accuracy": "hpcinv.trust.accuracy.search:Search",
+    "second opinion": "hpcinv.studies.second_opinion.opinion:opinion_line",
     "sensitivities": "hpcinv.trust.sensitivity.analysis:sensitivities",
     "slide of a support": "hpcinv.model.sliding:slide_of",
     "slides": "hpcinv.model.sliding:Sliding",

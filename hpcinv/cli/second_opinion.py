@@ -35,9 +35,11 @@ def add_second_opinion(commands: Any) -> None:
 
 
 def _second_opinion(options: argparse.Namespace) -> int:
+    from hpcinv.base.files.directory_lock import check_unlocked
     from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
 
     check_one_process("second-opinion")
+    check_unlocked(options.run)
     if options.memory is not None and not options.memory > 0:
         raise OutputError(f"--memory {options.memory:g}: must be above 0")
     memory = None if options.memory is None else round(options.memory * 1e9)

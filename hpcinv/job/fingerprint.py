@@ -30,6 +30,7 @@ NOT_PHYSICS: dict[str, str] = NOT_CONTENT | {
     "method": "chooses the way to a state",
     "fixed_point": "chooses the way to a state",
     "certificate": "chooses checks of solved states",
+    "second_opinion": "is of what a run has written",
     "quantities": "are evaluated at solved states",
     "sensitivities": "are derivatives at solved states; the layers that they make are in 'discretisation'",
     "accuracy": "chooses mesh and spaces; a search begins again",

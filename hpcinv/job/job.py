@@ -154,6 +154,8 @@ class Job(Spec):
     """checks at the end of a run: quick, standard, full, off, or single switches such as {estimate: false}"""
     checkpoint: Checkpoint = Checkpoint()
     """saving of converged states"""
+    second_opinion: Literal["calculix"] | None = Field(default=None, exclude_if=lambda program: program is None)
+    """calculix: CalculiX loads the rest shape, too, and its body is compared with the given one"""
     output: Output = Output()
     """results that are written with the summary"""
     quantities: ListOf[QuantityOfInterest] = ()

@@ -15,7 +15,7 @@ from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityValue
 from hpcinv.on_demand import on_demand
-from hpcinv.output.progress import Progress
+from hpcinv.output.progress import Level, Progress
 from hpcinv.output.result import Result
 from hpcinv.output.run_store import RunStore
 from hpcinv.output.shape_files import lines_of
@@ -35,6 +35,7 @@ from hpcinv.solver.newton import is_given_up
 from hpcinv.solver.observer import Observer, SolvedDirection
 from hpcinv.trust.accuracy import AccuracyRecord
 from hpcinv.trust.certificate import Certificate, Line, Verdict, topic
+from hpcinv.trust.certificate.check import with_line
 
 LOAD_FACTOR = topic("load factor", "Share of the load that was reached.")
 POSITION = topic("position residual", "Distance of the loaded body from the given one, which must vanish.")
@@ -160,6 +161,22 @@ class RunReport(Observer):
         self._write(self._unfinished(solutions, _INCOMPLETE), _STOPPED)
         raise Interrupted(_STOPPED_THERE, self._go_on(self.store.path))
 
+    def with_second_opinion(self, result: Result) -> Result:
+        """Return a result that was written, with what another program finds of it; collective."""
+        store, path = self.store, self.store.path
+        if path is None:
+            line = _NO_FILES
+        else:
+            with self.progress.phase("second opinion"):
+                line = on_root(store.comm, lambda: on_demand("second opinion")(path))
+        certificate = Certificate((*result.certificate.lines, line))
+        data = with_line(result.statistics["certificate"], line)
+        result = replace(result, certificate=certificate, statistics={**result.statistics, "certificate": data})
+        self.progress.note(f"{line.verdict.value}: second opinion: {line.note}", Level.QUIET)
+        if path is not None and self.job.output.report:
+            on_root(store.comm, lambda: on_demand("report of a run")(path, result.statistics))
+        return result
+
     def late_end(self, solutions: Sequence[Solution], end: Callable[[], NoReturn]) -> Callable[[], None]:
         """Return a function that ends a run within a check, as `end_stopped` does, but on one rank; collective.
 
@@ -225,6 +242,14 @@ class RunReport(Observer):
         return replace(result, statistics=content)
 
 
+_NO_FILES = Line(
+    topic("second opinion of a run without files", "Whether another program was asked."),
+    None,
+    "",
+    "",
+    Verdict.UNDECIDED,
+    "needs the directory of a run, which cases of a sweep and runs in Python without one lack",
+)
 _STOPPED = "stopped by a signal"
 _STOPPED_THERE = f"{_STOPPED} in the certificate; the solution is saved"
 _INCOMPLETE = Line(COMPLETENESS, None, "", "must be complete", Verdict.UNDECIDED, _STOPPED)

@@ -25,6 +25,7 @@ from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_dec
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, LoadedBody, add_loads, loaded_body
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
+from hpcinv.trust.certificate import Verdict
 
 needs_calculix = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 SIZE = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 2}
@@ -66,10 +67,14 @@ def written(path: Path, script: str) -> str:
     return str(path)
 
 
+def summary_lines(run: Path) -> list[dict[str, Any]]:
+    lines: list[dict[str, Any]] = json.loads((run / "summary.json").read_text())["certificate"]["lines"]
+    return lines
+
+
 def certificate(run: Path) -> list[tuple[str, str]]:
     """Return names and verdicts of the lines."""
-    lines = json.loads((run / "summary.json").read_text())["certificate"]["lines"]
-    return [(line["name"], line["verdict"]) for line in lines]
+    return [(line["name"], line["verdict"]) for line in summary_lines(run)]
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -108,6 +113,27 @@ def test_calculix_loads_the_rest_shape_into_the_given_body(hexahedra: bool, tmp_
     assert certificate(run)[-1] == ("second opinion", "pass")
     assert main(["second-opinion", str(run)]) == 0
     assert [name for name, _ in certificate(run)].count("second opinion") == 1
+
+
+@needs_calculix
+def test_a_job_asks_for_a_second_opinion(tmp_path: Path) -> None:
+    run = solved(tmp_path, second_opinion="calculix")
+    assert certificate(run)[-1] == ("second opinion", "pass")
+    alone = second_opinion(solved(tmp_path / "alone"), None, 60)
+    [line] = [line for line in summary_lines(run) if line["name"] == "second opinion"]
+    assert line["value"] == pytest.approx(alone.largest, rel=1e-6)
+
+
+def test_a_job_keeps_its_results_where_no_program_can_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    result = hpcinv.run(
+        job(**BODY | {"second_opinion": "calculix"}), MPI.COMM_SELF, directory=tmp_path / "run", progress=False
+    )
+    assert result.certificate.verdict is Verdict.UNDECIDED
+    assert certificate(tmp_path / "run")[-1] == ("second opinion", "not decided")
+    assert "is not installed" in summary_lines(tmp_path / "run")[-1]["note"]
+    without = hpcinv.run(job(**BODY | {"second_opinion": "calculix"}), MPI.COMM_SELF, progress=False)
+    assert "needs the directory of a run" in without.certificate.lines[-1].note
 
 
 @needs_calculix

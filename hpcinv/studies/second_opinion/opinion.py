@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.base.files.directory_lock import check_unlocked
 from hpcinv.base.files.names import is_file
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.units import readable
@@ -31,6 +30,8 @@ FOLDER = "second-opinion"
 _AGREES, _AGREES_ROUGHLY = 1e-3, 1e-2
 """Distances, relative to the largest displacement, up to which both programs agree: with the same elements, and where
 elements differ by what is not known. Raised, an error of a load is not seen; lowered, digits of CalculiX's file are."""
+_LIMIT = 600.0
+"""seconds for the program where a job asks for it"""
 TOPIC = Topic(
     "second opinion",
     "Whether another program loads the rest shape into the given body.",
@@ -93,6 +94,16 @@ class Opinion:
         return Line(TOPIC, self.largest, "m", rule, self.verdict, "; ".join(self.lines()))
 
 
+def opinion_line(run: Path) -> Line:
+    """Add a line to the certificate of a run that has just ended, and return it."""
+    try:
+        return second_opinion(run, None, _LIMIT).line()
+    except HpcinvError as error:
+        line = Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message)
+        _record(run, line)
+        return line
+
+
 def second_opinion(run: Path, program: str | None, limit: float, memory: int | None = None) -> Opinion:
     """Let CalculiX load the rest shape of a finished run, and add a line to its certificate.
 
@@ -107,7 +118,6 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
         OutputError: the run is not finished, or has what no deck can say.
         NoOpinion: the program is missing or fails; the line then says that it is not decided.
     """
-    check_unlocked(run)
     body = loaded_body(run)
     if any(law.is_incompressible for law in body.laws.values()):
         raise OutputError(f"material: {PROGRAM} has no elements for incompressible bodies", "Give kappa a number.")
