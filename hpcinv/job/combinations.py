@@ -70,11 +70,21 @@ def _iterated_contact(job: Any) -> Iterator[KeyPath]:
     yield from (("interfaces", i) for i in range(len(job.interfaces)))
     for solve in job.plan:
         if solve.direction == "forward":
-            yield from (("effects", i) for i, effect in enumerate(solve.job.effects) if effect.functions(1))
+            effects = enumerate(solve.job.effects)
+            yield from (("effects", i) for i, effect in effects if effect.is_paired or effect.functions(1))
 
 
 def _friction(job: Any) -> Iterator[KeyPath]:
     yield from (("interfaces", i, "friction") for i, interface in enumerate(job.interfaces) if interface.friction)
+    effects = enumerate(job.effects)
+    yield from (("effects", i, "friction") for i, effect in effects if effect.is_paired and effect.friction)
+
+
+def _paired_contact(job: Any) -> Iterator[KeyPath]:
+    """Contacts with rigid obstacles with friction or a closure."""
+    yield from (("effects", i) for i, effect in enumerate(job.effects) if effect.is_paired)
+    for number, state in enumerate(job.states):
+        yield from (("states", number, "effects", i) for i, effect in enumerate(state.effects) if effect.is_paired)
 
 
 def _rigid_contact(job: Any) -> Iterator[KeyPath]:
@@ -120,7 +130,8 @@ PARTS: Mapping[str, Part] = {
     "iterated contact": Part("contact by iteration", _iterated_contact),
     "rigid contact": Part("contact with a rigid obstacle", _rigid_contact),
     "interfaces": Part("`interfaces`", _key("interfaces")),
-    "friction": Part("`friction` of interfaces", _friction),
+    "paired contact": Part("contact with a rigid obstacle, with `friction` or a `closure`", _paired_contact),
+    "friction": Part("`friction`", _friction),
     "sliding supports": Part("supports that slide", _sliding_supports),
     "high degree": Part(
         "`displacement` above 2", _key("discretisation", "displacement", test=lambda degree: degree > 2)
@@ -160,6 +171,26 @@ _RIGID = (
     "not possible with contact with a rigid obstacle, whose pressure is found by iteration; give it the 'stiffness' of"
     " an elastic layer"
 )
+
+
+def _of_surfaces(are: str, need: str) -> dict[str, str]:
+    """Return the reasons of interfaces, and of obstacles that take the part of one."""
+    return {
+        "partitioned": f"{are} not possible with a partitioned mesh: use its original file",
+        "surface error": f"{are} not possible with 'surface_error', which needs derivatives",
+        "states": f"{are} not possible with 'states': give an 'analysis'",
+        "unknown pressures": f"{are} {_PRESSURE.removeprefix('is ')}",
+        "remote loads": f"{are} {_REMOTE.removeprefix('is ')}",
+        "sliding supports": f"{are} not possible with supports that slide: hold axes ('fix: [x]') instead",
+        "high degree": f"{need} 'displacement: 1' or 2",
+        "fixed point": f"{need} {_DIRECT.removeprefix('needs ')}",
+        "iterative": f"{are} too stiff for 'linear: iterative': leave it out",
+        "accuracy": f"{are} not possible with 'accuracy', whose estimate does not see contact: choose the mesh",
+        "sensitivities": f"{are} not possible with 'sensitivities', which would leave contact out",
+        "identify": f"{are} not possible with 'identify', which needs derivatives",
+    }
+
+
 _SOLID = ": leave that out, or mesh a solid"
 
 REFUSED: Mapping[str, Mapping[str, str]] = {
@@ -172,21 +203,8 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
         "states": "is not possible with 'states': give a traction",
         "shell": "is not possible with a shell",
     },
-    "interfaces": {
-        "shell": "are not possible with a shell",
-        "partitioned": "are not possible with a partitioned mesh: use its original file",
-        "surface error": "are not possible with 'surface_error', which needs derivatives",
-        "states": "are not possible with 'states': give an 'analysis'",
-        "unknown pressures": f"are {_PRESSURE.removeprefix('is ')}",
-        "remote loads": f"are {_REMOTE.removeprefix('is ')}",
-        "sliding supports": "are not possible with supports that slide: hold axes ('fix: [x]') instead",
-        "high degree": "need 'displacement: 1' or 2",
-        "fixed point": f"need {_DIRECT.removeprefix('needs ')}",
-        "iterative": "are too stiff for 'linear: iterative': leave it out",
-        "accuracy": "are not possible with 'accuracy', whose estimate does not see them: choose the mesh",
-        "sensitivities": "are not possible with 'sensitivities', which would leave them out",
-        "identify": "are not possible with 'identify', which needs derivatives",
-    },
+    "interfaces": {"shell": "are not possible with a shell", **_of_surfaces("are", "need")},
+    "paired contact": _of_surfaces("is", "needs"),
     "friction": {
         "arc length": "is not possible with 'strategy: arc-length', which may return to smaller loads: leave it out"
     },

@@ -1,13 +1,18 @@
 """Section of a job file with interfaces: two surfaces of one mesh that are tied, slide on each other, or touch."""
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
 from hpcinv.base.quantity import Length
-from hpcinv.base.quantity.schema import Faults, Spec
+from hpcinv.base.quantity.schema import Faults, KeyPath, Spec
+from hpcinv.physics.effects import Effect
 from hpcinv.physics.effects.closures import GAP_CLOSURES, MOST_FRICTION, Closure, Known
+from hpcinv.physics.effects.contact import Contact
+
+OBSTACLE = "obstacle"
+"""what a rigid obstacle is called that takes the part of the second surface of an interface"""
 
 type Kind = Literal["tied", "sliding", "contact"]
 
@@ -60,20 +65,29 @@ class Interface(Spec):
         return self.closure in GAP_CLOSURES
 
 
-def faults_of_interfaces(interfaces: Sequence[Interface], directions: Sequence[str], uncertainty: str | None) -> Faults:
-    """Yield the faults of interfaces, with their places in a job, for its directions and its key ``uncertainty``."""
-    for i, interface in enumerate(interfaces):
+def faults_of_interfaces(
+    interfaces: Sequence[Interface], effects: Sequence[Effect], directions: Sequence[str], uncertainty: str | None
+) -> Faults:
+    """Yield the faults of interfaces, and of effects that take the part of one, with their places in a job.
+
+    Args:
+        directions, uncertainty: of the job.
+    """
+    places: list[tuple[KeyPath, Interface]] = [(("interfaces", i), interface) for i, interface in enumerate(interfaces)]
+    places += [
+        (("effects", i), interface_of(effect))
+        for i, effect in enumerate(effects)
+        if isinstance(effect, Contact) and effect.is_paired
+    ]
+    for place, interface in places:
         if interface.kind == "contact":
             faults = (*_fault_of_closure(interface.closure, directions), *_fault_of_friction(interface))
-            yield from ((("interfaces", i, "closure"), text) for text in faults)
+            yield from (((*place, "closure"), text) for text in faults)
         if interface.known.model_fields_set and not uncertainty:
-            yield ("interfaces", i, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
+            yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
         if interface.friction and uncertainty:
-            yield (
-                ("interfaces", i, "friction"),
-                "is not possible with 'uncertainty: contact', which varies pressures only",
-            )
-    if uncertainty and not any(interface.closure for interface in interfaces):
+            yield (*place, "friction"), "is not possible with 'uncertainty: contact', which varies pressures only"
+    if uncertainty and not any(interface.closure for _, interface in places):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
 
 
@@ -97,3 +111,10 @@ def _fault_of_friction(interface: Interface) -> Iterator[str]:
         yield f"'{closure}' assumes nothing about friction: use 'coulomb' or 'stick', or leave out 'friction'"
     if not interface.friction and closure in ("stick", "coulomb"):
         yield f"'{closure}' needs 'friction', the coefficient that its tractions are compared with"
+
+
+def interface_of(contact: Contact) -> Interface:
+    """Return the interface whose second surface is the rigid obstacle of a contact with friction or a closure."""
+    names = ("friction", "closure", "rest_gap", "touches_within", "known")
+    numbers: dict[str, Any] = {name: getattr(contact, name) for name in names}
+    return Interface.model_construct(between=(contact.region, OBSTACLE), kind="contact", **numbers)

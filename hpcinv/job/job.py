@@ -51,7 +51,7 @@ from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cav
 from hpcinv.job.combinations import refusal, refused_combinations
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification, faults_of_identification
-from hpcinv.job.interfaces import Interface, faults_of_interfaces
+from hpcinv.job.interfaces import Interface, faults_of_interfaces, interface_of
 from hpcinv.job.kind_rules import KIND_RULES
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
@@ -68,6 +68,7 @@ from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import AnyEffect, Direction, Effect
+from hpcinv.physics.effects.contact import Contact
 from hpcinv.physics.materials import Material, MaterialLaw
 
 MOST_ENTRIES = 10_000
@@ -348,6 +349,12 @@ class Job(Spec):
         return list(numbered(self.place("effects"), self.effects).items())
 
     @property
+    def all_interfaces(self) -> tuple[Interface, ...]:
+        """The interfaces, and contacts with rigid obstacles that take the part of one."""
+        contacts = (effect for effect in self.effects if isinstance(effect, Contact) and effect.is_paired)
+        return (*self.interfaces, *map(interface_of, contacts))
+
+    @property
     def families(self) -> dict[str, FibreFamily]:
         """The families of fibres that laws and effects use, by their place in the job."""
         return families_of((*self.laws.values(), *self.effects), self.fibres)
@@ -528,7 +535,7 @@ class Job(Spec):
         yield from kind_rules.unsuited(self)
         yield from unsuited_controls(self)
         yield from refused_combinations(self)
-        yield from faults_of_interfaces(self.interfaces, self.directions, self.uncertainty)
+        yield from faults_of_interfaces(self.interfaces, self.effects, self.directions, self.uncertainty)
         yield from self._unsuited_loading()
         yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
         yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))

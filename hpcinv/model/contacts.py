@@ -1,11 +1,10 @@
 """Contacts of a job: their pressures, which a solver updates between solves, and their resultants."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,13 +17,13 @@ from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.obstacle_passage import Passage, Passages, SurfacePoints
+from hpcinv.model.obstacle_passage import Passage, Passages
+from hpcinv.model.obstacle_surface import ObstacleSurface
 from hpcinv.model.parameters import entry_of, present_value
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.effects.contact import PENALTY, QUADRATURE, Contact
-from hpcinv.physics.effects.obstacles import SurfaceObstacle
 from hpcinv.physics.kinematics.kinematics import Kinematics
 from hpcinv.physics.kinematics.staged_derivatives import remove_stages
 
@@ -169,7 +168,8 @@ class Contacts:
         resolve: path of a file of the job.
         degree: polynomial degree of the displacement.
         modulus: shear modulus of the body, scaled.
-        pairs: interfaces of the job, each of which takes the part of a contact.
+        pairs: interfaces of the job, and obstacles on which surfaces press as on interfaces; each takes the part of a
+            contact.
 
     Attributes:
         pairs: as given.
@@ -189,22 +189,18 @@ class Contacts:
         modulus: float,
         pairs: Sequence[Any] = (),
     ) -> None:
-        contact_effects = [(where, e) for where, e in effects if isinstance(e[0], Contact)]
-        names = (
-            ["contact_pressure"]
-            if len(contact_effects) == 1
-            else [f"contact_pressure_{i}" for i in range(len(contact_effects))]
-        )
         self._obstacles = [
-            _OneContact(name, where, *e, k, body, resolve, degree, modulus)
-            for name, (where, e) in zip(names, contact_effects, strict=True)
+            _OneContact(f"contact_pressure{label}", where, *e, k, body, resolve, degree, modulus)
+            for where, label, e in _labelled(effects)
+            if not e[0].is_paired
         ]
         self.pairs = tuple(pairs)
         self.pins: tuple[Any, ...] = ()
         self._all: list[Any] = [*self._obstacles, *self.pairs]
         self._iterated = [contact for contact in self._all if contact.is_iterated]
         self.depends_on_path = any(pair.depends_on_path for pair in self.pairs)
-        self.is_iterated, self.has_obstacles = bool(self._iterated), any(c.is_iterated for c in self._obstacles)
+        self.is_iterated = bool(self._iterated)
+        self.has_obstacles = any(contact.has_obstacle for contact in self._iterated)
 
     @property
     def stiff(self) -> tuple[Any, ...]:
@@ -228,11 +224,15 @@ class Contacts:
 
     def update_parameters(self, effects: Sequence[Effect], modulus: float) -> None:
         """Take the numbers of other effects and the shear modulus, of a job of the same reuse group."""
-        contacts = (effect for effect in effects if isinstance(effect, Contact))
-        for contact, effect in zip(self._obstacles, contacts, strict=True):
+        contacts = [effect for effect in effects if isinstance(effect, Contact)]
+        alone = (effect for effect in contacts if not effect.is_paired)
+        for contact, effect in zip(self._obstacles, alone, strict=True):
             contact.update_parameters(effect, modulus)
+        paired = (effect for effect in contacts if effect.is_paired)
         for pair in self.pairs:
             pair.update_modulus(modulus)
+            if pair.has_obstacle:
+                pair.update_obstacle(next(paired))
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""
@@ -276,6 +276,11 @@ class Contacts:
             if pair.depends_on_path:
                 pair.end_step(load)
 
+    def soften_friction(self) -> bool:
+        """Let friction that the solve finds give way more until `reset`; return whether it did not before."""
+        softened = [pair.soften_friction() for pair in self.pairs]  # of all of them
+        return any(softened)
+
     def update(self) -> bool:
         """Update the contacts that have not settled; return whether there are any.
 
@@ -317,13 +322,41 @@ class Contacts:
         return tuple(contact.report(scales) for contact in self._all)
 
 
+type _Named = tuple[str, tuple[Any, Any, Any]]
+
+
+def _labelled(effects: Iterable[_Named]) -> list[tuple[str, str, tuple[Any, Any, Any]]]:
+    """Return place, ending of the names of fields, and effect, load factor and quantities of each contact."""
+    found = [(where, effect) for where, effect in effects if isinstance(effect[0], Contact)]
+    labels = [""] if len(found) == 1 else [f"_{i}" for i in range(len(found))]
+    return [(where, label, effect) for label, (where, effect) in zip(labels, found, strict=True)]
+
+
+def paired_obstacles(
+    effects: Iterable[_Named], body: Body, resolve: Callable[[str], Path]
+) -> list[tuple[str, str, ObstacleSurface]]:
+    """Return the obstacles that take the part of a surface of an interface, with places and endings of names."""
+    return [
+        (where, label, ObstacleSurface(*effect, body, resolve, body.mesh.comm))
+        for where, label, effect in _labelled(effects)
+        if effect[0].is_paired
+    ]
+
+
+def softness(body: Body) -> float:
+    """Return the share of a solid's penalty that a shell has, which bends more easily; 1 of a solid."""
+    relative = body.source.thickness / (body.length * body.length_scale)
+    return float(min(relative / _THICK, 1.0) ** 3) if relative > 0 else 1.0
+
+
 def _first_penalty(modulus: float, body: Body) -> float:
     """Return the scaled penalty at first, for a shear modulus; a shell that bends more easily has a lower one."""
-    relative = body.source.thickness / (body.length * body.length_scale)
-    return PENALTY * modulus / body.length * (min(relative / _THICK, 1.0) ** 3 if relative > 0 else 1.0)
+    return PENALTY * modulus / body.length * softness(body)
 
 
 class _OneContact:
+    has_obstacle = True
+
     def __init__(
         self,
         name: str,
@@ -338,7 +371,8 @@ class _OneContact:
         modulus: float,
     ) -> None:
         self._name, self.where, self.effect, self.load, self.par = name, where, effect, load, par
-        self._k, self._body, self._resolve, self._degree = k, body, resolve, degree
+        self._k, self._body, self._degree = k, body, degree
+        self._obstacle = ObstacleSurface(effect, load, par, body, resolve, body.mesh.comm)
         self._comm, self.depends_on_state = body.mesh.comm, k.sign > 0
         self._last_change = np.inf  # the last change by an update
         self._before_update: tuple[Floats, Floats | None] | None = None  # pressures and penalties
@@ -348,7 +382,8 @@ class _OneContact:
             self._penalty[:] = self._first
 
     def update_parameters(self, effect: Contact, modulus: float) -> None:
-        self.effect, self._first = effect, _first_penalty(modulus, self._body)
+        self.effect = self._obstacle.effect = effect
+        self._first = _first_penalty(modulus, self._body)
 
     @property
     def _penalty(self) -> Floats | None:
@@ -402,48 +437,12 @@ class _OneContact:
     def is_iterated(self) -> bool:
         return self.depends_on_state and bool(self.effect.functions(1))
 
-    @cached_property
+    @property
     def _surface(self) -> SurfaceDistance | None:
-        obstacle = self.effect.obstacle
-        if not isinstance(obstacle, SurfaceObstacle):
-            return None
-        return SurfaceDistance(self._resolve(obstacle.file), obstacle.unit, obstacle.flip, self._comm)
-
-    def _obstacle_size(self) -> tuple[float | None, tuple[Floats, Floats]]:
-        """Return the half thickness of the obstacle, if it is known, and the corners of a box around it, scaled."""
-        surface, length = self._surface, self._body.length_scale
-        if surface is None:
-            radius = getattr(self.par, "obstacle_radius", None)
-            return None if radius is None else present_value(radius), (np.full(3, -np.inf), np.full(3, np.inf))
-        thickness, (low, high) = surface.half_thickness, surface.bounds
-        return None if thickness is None else thickness / length, (low / length, high / length)
+        return self._obstacle.triangles
 
     def passage(self, unknowns: Unknowns) -> Passage | None:
-        if not (self.depends_on_state and self.effect.obstacle.can_be_passed):
-            return None
-        par, surface, length = self.par, self._surface, self._body.length_scale
-        size, bounds = self._obstacle_size()
-
-        def surface_distance(points: Floats) -> tuple[Floats, Floats]:
-            assert surface is not None
-            gaps, directions = surface(points * length)
-            return gaps / length, directions
-
-        def formula_distance(points: Floats) -> tuple[Floats, Floats]:
-            numbers = {name: present_value(entry) for name, entry in self.effect.obstacle_entries(par).items()}
-            columns = {name: n[:, None] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
-            with np.errstate(all="ignore"):  # the direction is not determined in the middle
-                gaps, directions = self.effect.obstacle.distance(points.T, SimpleNamespace(**columns))
-            return gaps, directions.T
-
-        def shift() -> Floats:
-            if self.effect.travel is None:
-                return np.zeros(3)
-            travel: Floats = present_value(self.load) * present_value(par.travel)
-            return travel
-
-        points = SurfacePoints(self._body, self._body.boundary_facets(self.effect.region), unknowns, size)
-        return Passage(points, formula_distance if surface is None else surface_distance, bounds, shift)
+        return self._obstacle.passage(unknowns) if self.depends_on_state else None
 
     def _nodes(self, space: fem.FunctionSpace) -> Ints:
         facets = self._body.boundary_facets(self.effect.region)

@@ -33,7 +33,7 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.constraint_integral import ConstraintIntegral
-from hpcinv.model.contacts import Contacts
+from hpcinv.model.contacts import Contacts, paired_obstacles
 from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
@@ -128,8 +128,12 @@ class WeakForm:
         effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         modulus = _modulus(job, fields, scales)
-        interfaces = job.interfaces
-        pairs = on_demand("interfaces")(interfaces, fields.body, unknowns, kin.sign, modulus) if interfaces else ()
+        obstacles = paired_obstacles(named, fields.body, job.resolve)
+        pairs = (
+            on_demand("interfaces")(job.interfaces, obstacles, fields.body, unknowns, kin.sign, modulus)
+            if job.interfaces or obstacles
+            else ()
+        )
         self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, modulus, pairs)
         directions = {
             name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)

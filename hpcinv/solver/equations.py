@@ -93,7 +93,7 @@ class Equations(DiscreteModel):
         if self._like is not None:
             return self._like.chooser
         degree, against = self.job.discretisation.displacement, self.job.mesh.kind.against_multigrid
-        against = against or (_STIFF if self.job.interfaces else "")
+        against = against or (_STIFF if self.job.all_interfaces else "")
         stiffness = max(law.stiffness_ratio or 1.0 for law in self.job.laws.values())
         return Chooser(self.unknowns, degree, against_multigrid=against, stiffness=stiffness)
 

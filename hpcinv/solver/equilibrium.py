@@ -9,7 +9,7 @@ searches, serves fixed loads, unknown loads and motions, and paths that are foll
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -108,6 +108,9 @@ class _Progress:
         return outcome
 
 
+_ASTRAY = (Outcome.DIVERGED, Outcome.ITERATION_LIMIT, Outcome.INVERTED, Outcome.OUTSIDE_LAW)
+
+
 class Equilibrium:
     """Newton's method for a system, with a linear solver, monitored by the corrections.
 
@@ -175,7 +178,27 @@ class Equilibrium:
                 solve ends (`Outcome.TOO_NONLINEAR`); the prediction's factors remain.
             numbers: the unknown numbers, if they are not the system's.
             growths_allowed: as in `NewtonMonitor`.
+
+        The first solve with friction that diverges is made again with friction that gives way more, as later ones are.
         """
+        further: dict[str, Any] = {"begins_near": begins_near, "farthest": farthest, "numbers": numbers}
+        solve = self._solve(load, tolerance, predicted, growths_allowed=growths_allowed, **further)
+        if solve.outcome not in _ASTRAY or not self.system.soften_friction():
+            return solve
+        again = self._solve(load, tolerance, None, growths_allowed=growths_allowed, **further)
+        return replace(again, factorizations=solve.factorizations + again.factorizations)
+
+    def _solve(
+        self,
+        load: float,
+        tolerance: Tolerance,
+        predicted: Prediction | None = None,
+        *,
+        begins_near: bool = False,
+        farthest: float = math.inf,
+        numbers: BorderedSolver | None = None,
+        growths_allowed: int = NewtonMonitor.growths_allowed,
+    ) -> Solve:
         system, linear, numbers = self.system, self.linear, numbers or self.numbers
         numbers.put(load)
         system.begin_contact_step(load)
@@ -212,7 +235,7 @@ class Equilibrium:
                 system.set_state(accepted)
                 numbers.restore(kept_numbers)
                 accepted.destroy()
-                return self.solve(
+                return self._solve(
                     load, tolerance, begins_near=begins_near, numbers=numbers, growths_allowed=growths_allowed
                 )
             linear.forget_factors()

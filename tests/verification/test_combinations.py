@@ -119,6 +119,16 @@ def _on_a_plate(data: Data, _: Path) -> Data:
     return data | changed
 
 
+def _on_a_rough_plate(data: Data, _: Path) -> Data:
+    plate = {"shape": "plane", "point": [0, -0.02, 0], "normal": [0, 1, 0]}
+    contacts = [effect for effect in data["effects"] if effect["effect"] == "contact"]
+    region = "inner" if "shell" in data["mesh"] else "y0"
+    push = {**PULL, "traction": [0.0, -0.01, -0.01 if contacts else 0.0]}
+    rough = {"effect": "contact", "region": region, "obstacle": plate, "friction": 0.3}
+    kept = {key: value for key, value in data.items() if key != "first"}
+    return kept | {"effects": [push, *contacts, rough], "analysis": "forward"}
+
+
 def _in_two_blocks(data: Data, _: Path) -> Data:
     file = {} if "shell" in data["mesh"] else {"file": "../meshes/two_blocks.py", "parameters": {"hexahedra": True}}
     return data | {"mesh": data["mesh"] | file, "interfaces": [{"between": ["bottom", "top"], "kind": "tied"}]}
@@ -154,6 +164,7 @@ CHANGES: dict[str, Callable[[Data, Path], Data]] = {
     "sliding supports": _sliding,
     "high degree": lambda data, _: data | {"discretisation": {"displacement": 3}},
     "rigid contact": _on_a_plate,
+    "paired contact": _on_a_rough_plate,
     "load cases": _with(load_cases=["first", "second"]),
     "fixed point": _with(method="anderson"),
     "other strategies": _solver(strategy="arc-length"),
@@ -189,13 +200,20 @@ IMPLIED = {
     "interfaces": {"iterated contact"},
     "friction": {"interfaces", "iterated contact"},
     "rigid contact": {"iterated contact"},
+    "paired contact": {"iterated contact", "friction"},
     "other strategies": {"arc length"},
 }
 """further parts of the table that a part has"""
 MENDED = itertools.product(("unknown pressures", "remote loads"), ("rigid contact", "start shape"))
 """pairs that once lost the contact pressures of a solution, or were refused"""
-REFUSALS = {("interfaces", "sliding supports"), ("interfaces", "high degree"), ("friction", "other strategies")}
-_SAMPLED = [pair for pair in PAIRS if not {"friction", "sliding supports", "high degree"} & {*pair}]
+REFUSALS = {
+    ("interfaces", "sliding supports"),
+    ("interfaces", "high degree"),
+    ("friction", "other strategies"),
+    ("paired contact", "sensitivities"),
+    ("shell", "paired contact"),
+}
+_SAMPLED = [pair for pair in PAIRS if not {"friction", "paired contact", "sliding supports", "high degree"} & {*pair}]
 DAILY = {*random.Random(64).sample(_SAMPLED, len(_SAMPLED) // 10), *MENDED, *REFUSALS}
 ELSEWHERE = {"partitioned", "start", "one mesh", "maximum unknowns", "expected shape", "observed meshes"}
 """parts whose rows other tests have: they need further files, or only say what a search or a comparison may do"""

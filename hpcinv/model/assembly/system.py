@@ -234,6 +234,10 @@ class System:
         """Keep the present state, a solution at a load factor; slip of contacts may begin there."""
         self.weak_form.contacts.end_step(load)
 
+    def soften_friction(self) -> bool:
+        """Let friction that the solve finds give way more from now on; return whether it did not before."""
+        return self.weak_form.contacts.soften_friction()
+
     def update_contacts(self) -> bool:
         """Update pressures of contacts, unless they have settled; return whether they had not."""
         return self.weak_form.contacts.update()

@@ -34,6 +34,9 @@ from hpcinv.model.interfaces.surface_rotations import surface_rotations
 _SOFTNESS = 2.0**-4
 """Penalty by the pressure's. Raised, Newton's method goes astray where much slides; lowered, more updates are needed,
 and load steps before the last one slide later."""
+_SOFTER = 2.0**-8
+"""Penalty by the pressure's after a solve has failed, about the stiffness of the body along the surface. Above that,
+functions that slide to and fro in turn pass the range in which they stick, and Newton's method may go in cycles."""
 
 type Bound = Callable[[Floats], tuple[Floats, Floats]]
 """largest tractions by the pressures, and their derivatives"""
@@ -66,6 +69,7 @@ class _Begin:
         slips: ``s₀`` (n, 3), scaled.
         forces: pressures times areas (n,), scaled.
         energy: lost so far, scaled.
+        shift: motion (3,) of a rigid obstacle, scaled.
     """
 
     load: float
@@ -75,6 +79,7 @@ class _Begin:
     slips: Floats
     forces: Floats
     energy: float
+    shift: Floats
 
 
 @dataclass(frozen=True)
@@ -101,34 +106,43 @@ class Friction:
     Args:
         names: sorted global numbers of the functions.
         owned: number of owned unknowns.
+        turns: whether tractions turn with the first surface; a rigid obstacle keeps them.
     """
 
-    def __init__(self, bound: Bound, names: Ints, owned: int, comm: MPI.Intracomm) -> None:
+    def __init__(self, bound: Bound, names: Ints, owned: int, comm: MPI.Intracomm, *, turns: bool = True) -> None:
         self._bound, self._names, self._owned, self._comm = bound, names, owned, comm
+        self._turns, self._shift = turns, np.zeros(3)
         self.reset()
 
     def reset(self) -> None:
         """Begin with the unloaded bodies, without tractions."""
-        count = len(self._names)
+        count, still = len(self._names), np.zeros(3)
         self.q: Floats = np.zeros((count, 3))
-        self._rest = _Begin(-1.0, np.zeros(self._owned), None, None, np.zeros((count, 3)), np.zeros(count), 0.0)
+        self._softness = _SOFTNESS
+        self._rest = _Begin(-1.0, np.zeros(self._owned), None, None, np.zeros((count, 3)), np.zeros(count), 0.0, still)
         self._begins = list[_Begin]()
         self._restored: Floats | None = None
         self._begin, self._slips = self._rest, self._rest.slips
         if "_jump" in vars(self):
+            self._penalties = self._softness * self._pressure_penalties
             self._carry()
 
     # Surfaces that move.
 
-    def set_jump(self, jump: Jump, penalties: Floats, first: Facets, unloaded: Facets, u: Floats) -> None:
+    def set_jump(
+        self, jump: Jump, penalties: Floats, first: Facets, unloaded: Facets, u: Floats, shift: Floats
+    ) -> None:
         """Take the jumps where the surfaces are now, with the pressure's penalties, the first surface, and unknowns.
 
         Args:
             unloaded: first surface of the unloaded bodies.
             u: owned unknowns.
+            shift: motion (3,) of a rigid obstacle, scaled; 0 of surfaces of the mesh.
         """
         self.destroy()
-        self._jump, self._penalties, self._first = jump, _SOFTNESS * penalties, first
+        self._shift = shift
+        self._jump, self._pressure_penalties, self._first = jump, penalties, first
+        self._penalties = self._softness * penalties
         self._unloaded, self._u = unloaded.points, u.copy()
         self._forces = jump.vector_matrix(self._owned, means=False)
         self._means = jump.vector_matrix(self._owned, means=True)
@@ -136,9 +150,16 @@ class Friction:
         self._right: PETSc.Vec = self._means.createVecRight()
         if self._restored is not None:
             count = len(self._names)
-            self._rest = _Begin(-1.0, u.copy(), first.points, first.points, self._restored, np.zeros(count), 0.0)
+            slipped = self._restored
+            self._rest = _Begin(-1.0, u.copy(), first.points, first.points, slipped, np.zeros(count), 0.0, shift)
             self._begin, self._begins, self._restored = self._rest, [], None
         self._carry()
+
+    def soften(self) -> bool:
+        """Take lower penalties until `reset`; return whether they were not lower before."""
+        before, self._softness = self._softness, _SOFTER
+        self._penalties = self._softness * self._pressure_penalties
+        return before > _SOFTER
 
     def destroy(self) -> None:
         """Free PETSc objects."""
@@ -156,12 +177,14 @@ class Friction:
     def _carry(self) -> None:
         begin = self._begin
         normals = np.einsum("nba,nb->na", self._turned(begin.points), self._jump.normals)
-        vectors = self._jump.vectors - self._products(self._u - begin.u)
+        vectors = self._jump.vectors - self._jumped(self._u)
         gaps = np.einsum("ni,ni->n", normals, vectors)[:, None] * normals
         self._slips = self._tangential(np.einsum("nab,nb->na", self._turned(begin.frame), begin.slips) + gaps)
 
     def _turned(self, points: Floats | None) -> Floats:
         """Return the rotations (n, 3, 3) of the first surface from a place, by default the unloaded body's."""
+        if not self._turns:
+            return np.broadcast_to(np.eye(3), (len(self._names), 3, 3))
         before = self._unloaded if points is None else points
         return surface_rotations(self._names, self._first.nodes, before, self._first.points, self._comm)
 
@@ -180,7 +203,9 @@ class Friction:
         slips = -self._lengths(found.vectors)
         forces = pressures * self._jump.areas
         self._begins.append(
-            _Begin(load, u.copy(), points, self._first.points, slips, forces, self.energy(found, pressures))
+            _Begin(
+                load, u.copy(), points, self._first.points, slips, forces, self.energy(found, pressures), self._shift
+            )
         )
 
     def _lengths(self, tractions: Floats) -> Floats:
@@ -205,10 +230,14 @@ class Friction:
         self._means.mult(self._right, self._left)
         return np.concatenate(self._comm.allgather(np.array(self._left.array))).reshape(-1, 3)
 
+    def _jumped(self, u: Floats) -> Floats:
+        """Return the change (n, 3) of the jumps since the step began."""
+        return self._products(u - self._begin.u) + (self._shift - self._begin.shift)
+
     def tractions(self, u: Floats, pressures: Floats) -> Tractions:
         """Return the tractions for owned unknowns and pressures."""
         penalties, normals = self._penalties, self._jump.normals
-        slips = self._slips + self._tangential(self._products(u - self._begin.u))
+        slips = self._slips + self._tangential(self._jumped(u))
         trial = self._tangential(self.q) - penalties[:, None] * slips
         bounds, slopes = self._bound(pressures)
         sizes = np.linalg.norm(trial, axis=1)
@@ -288,14 +317,17 @@ class Friction:
         return begin.energy + float((np.where(np.isfinite(bounds), bounds, 0.0) * along).sum())
 
 
-def frictions_of(spec: Interface, sign: int, names: Ints, owned: int, comm: MPI.Intracomm) -> tuple[Friction, ...]:
+def frictions_of(
+    spec: Interface, sign: int, names: Ints, owned: int, comm: MPI.Intracomm, *, turns: bool
+) -> tuple[Friction, ...]:
     """Return the friction of an interface, or nothing without it.
 
     Args:
         sign: of the kinematics.
+        turns: whether tractions turn with the first surface.
     """
     if not spec.friction:
         return ()
     bounds = {"coulomb": coulomb(spec.friction), "stick": rough}
     bound = coulomb(spec.friction) if sign > 0 else bounds.get(spec.closure or "", unbounded)
-    return (Friction(bound, names, owned, comm),)
+    return (Friction(bound, names, owned, comm, turns=turns),)

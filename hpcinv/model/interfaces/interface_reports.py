@@ -30,6 +30,7 @@ class InterfaceReports:
         label: ending of the names of its fields.
         sign: of the kinematics.
         functions: functions with the numbers at its nodes.
+        prefix: beginning of the names of its fields.
     """
 
     where: str
@@ -38,6 +39,7 @@ class InterfaceReports:
     law: Law
     sign: int
     functions: NodalFunctions
+    prefix: str = "interface"
 
     def made(
         self,
@@ -70,8 +72,8 @@ class InterfaceReports:
             parts = {"multiplier": tractions}
         touched = jump.areas > 0
         widest = np.abs(gaps) if self.law.pulls else -gaps
-        fields = [self.functions.made(f"interface_pressure{self.label}", pressures * unit, corners=True)]
-        fields += [self.functions.made(f"interface_{n}{self.label}", v * unit) for n, v in parts.items()]
+        fields = [self.functions.made(f"{self.prefix}_pressure{self.label}", pressures * unit, corners=True)]
+        fields += [self.functions.made(f"{self.prefix}_{n}{self.label}", v * unit) for n, v in parts.items()]
         force = force * unit * scales.length**2
         shares = jump.areas / max(float(jump.areas.sum()), np.finfo(float).tiny)
         return ContactReport(
@@ -135,12 +137,13 @@ class InterfaceReports:
             allowed=self.spec.friction * float(pressures[worst]) * scales.stress,
             tractions=self._components("friction", -found.vectors * scales.stress),
             slips=self._components("slip", found.slips * scales.length),
-            state=self.functions.made(f"interface_state{self.label}", state),
+            state=self.functions.made(f"{self.prefix}_state{self.label}", state),
         )
 
     def _components(self, name: str, vectors: Floats) -> tuple[fem.Function, ...]:
         return tuple(
-            self.functions.made(f"interface_{name}_{axis}{self.label}", vectors[:, i]) for i, axis in enumerate("xyz")
+            self.functions.made(f"{self.prefix}_{name}_{axis}{self.label}", vectors[:, i])
+            for i, axis in enumerate("xyz")
         )
 
     def slipped(self, report: FrictionReport, scales: Scales, transfer: Transfer) -> tuple[Floats, Floats]:

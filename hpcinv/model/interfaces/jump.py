@@ -48,7 +48,8 @@ class Jump:
         places = np.searchsorted(names, first.nodes[:, : functions.shape[1]])[i]
         weighted = weights[:, None] * functions
         sums = np.zeros((count, 8))
-        jumps = np.einsum("nk,nki->ni", opposite, second.points[j]) - np.einsum("nk,nki->ni", shapes, first.points[i])
+        there = segments.rigid_points + np.einsum("nk,nki->ni", opposite, second.points[j])
+        jumps = there - np.einsum("nk,nki->ni", shapes, first.points[i])
         values = np.concatenate(
             [
                 np.abs(weighted)[:, :, None],

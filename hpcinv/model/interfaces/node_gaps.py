@@ -6,7 +6,8 @@ overlap need a gap at each node of either surface.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Self
 
 import numpy as np
 from petsc4py import PETSc
@@ -16,13 +17,15 @@ from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets, gathered
 from hpcinv.model.interfaces.segments import OPPOSITE, seen_points, tangents_of
 
+type _Rows = tuple[Floats, Floats, Floats, Ints, Floats]
+
 
 class NodeGaps:
-    """Gaps at the nodes of two surfaces, where the other one is seen along the normal; construction is collective.
+    """Gaps at nodes of surfaces, along the normals there; construction is collective.
 
     Args:
-        first: facets of the first surface on this rank.
-        second: facets of the second surface on all ranks.
+        rows: of each surface, for this rank's share of its nodes: gaps (n,), places (n, 3), normals (n, 3), global
+            numbers of the unknowns (n, k, 3) by which the gaps change, and their weights (n, k) along the normals.
         owned: number of owned unknowns.
 
     Attributes:
@@ -30,10 +33,8 @@ class NodeGaps:
         points: places (scaled) of these nodes, (n, 3).
     """
 
-    def __init__(self, first: Facets, second: Facets, owned: int, comm: Any) -> None:
+    def __init__(self, rows: Sequence[_Rows], owned: int, comm: Any) -> None:
         self._comm = comm
-        everywhere = gathered(first, comm)
-        rows = [_rows(everywhere, second, comm), _rows(second, everywhere, comm)]
         self._gaps, self._points, normals, columns, values = (np.concatenate(part) for part in zip(*rows, strict=True))
         count = len(self._gaps)
         start = comm.exscan(count) or 0
@@ -44,6 +45,17 @@ class NodeGaps:
         sizes = (count, PETSc.DETERMINE), (owned, PETSc.DETERMINE)
         self._matrix = matrix_of_entries(comm, *sizes, (rows_of_entries, columns), entries)
         self._left = self._matrix.createVecLeft()
+
+    @classmethod
+    def of_surfaces(cls, first: Facets, second: Facets, owned: int, comm: Any) -> Self:
+        """Return the gaps at the nodes of two surfaces, where the other one is seen along the normal.
+
+        Args:
+            first: facets of the first surface on this rank.
+            second: facets of the second surface on all ranks.
+        """
+        everywhere = gathered(first, comm)
+        return cls([_rows(everywhere, second, comm), _rows(second, everywhere, comm)], owned, comm)
 
     def rates(self, direction: PETSc.Vec) -> Floats:
         """Return rates (n,) of the gaps where the nodes move along a direction of the unknowns; collective."""
@@ -56,7 +68,7 @@ class NodeGaps:
         self._left.destroy()
 
 
-def _rows(first: Facets, second: Facets, comm: Any) -> tuple[Floats, Floats, Floats, Ints, Floats]:
+def _rows(first: Facets, second: Facets, comm: Any) -> _Rows:
     """Return gaps, places and normals of this rank's share of the nodes of a surface, with unknowns and weights."""
     from scipy.spatial import cKDTree
 

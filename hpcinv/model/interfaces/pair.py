@@ -24,11 +24,11 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.quantity.nondimensional import Scales
-from hpcinv.job.interfaces import Interface
+from hpcinv.job.interfaces import Interface, interface_of
 from hpcinv.mesh import Body
 from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.contacts import ContactReport
+from hpcinv.model.contacts import ContactReport, softness
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.friction import frictions_of
@@ -37,11 +37,18 @@ from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import LAWS
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
 from hpcinv.model.interfaces.node_gaps import NodeGaps
+from hpcinv.model.interfaces.opposite import Opposite, OppositeObstacle, OppositeSurface
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
-from hpcinv.model.interfaces.refused_surfaces import check_overlap, refuse_surfaces
-from hpcinv.model.interfaces.segments import segments
+from hpcinv.model.interfaces.refused_surfaces import (
+    check_obstacle,
+    check_overlap,
+    refuse_surfaces,
+)
 from hpcinv.model.interfaces.surface_passage import SurfacePassage
+from hpcinv.model.obstacle_passage import Passage
+from hpcinv.model.obstacle_surface import ObstacleSurface
 from hpcinv.model.spaces import Unknowns
+from hpcinv.physics.effects.contact import Contact
 
 _DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
 _ROUNDED = 2.0**-26
@@ -62,55 +69,72 @@ class SurfacePair:
         label: ending of the names of its fields.
         sign: of the kinematics.
         modulus: typical shear modulus, scaled.
+        obstacle: rigid obstacle that takes the part of the second surface; none between two regions.
 
     Attributes:
         is_iterated: whether its tractions are found by iteration; else they are given.
         depends_on_path: whether its tractions depend on the load steps before.
         reports: makes reports of its solutions.
         version: number of the pattern of `stiffness`.
+        has_obstacle: whether the second surface is a rigid obstacle's; depends_on_state: whether it exerts a force on
+            the body as a whole that depends on the state.
 
     Raises:
         MeshError: on all ranks, if the surfaces do not face each other, or are apart.
     """
 
-    depends_on_state = False
-    """False: it exerts no force on the body as a whole."""
     has_uniform_penalty = False
 
     def __init__(
-        self, where: str, label: str, spec: Interface, body: Body, unknowns: Unknowns, sign: int, modulus: float
+        self,
+        where: str,
+        label: str,
+        spec: Interface,
+        body: Body,
+        unknowns: Unknowns,
+        sign: int,
+        modulus: float,
+        obstacle: ObstacleSurface | None = None,
     ) -> None:
         sides = sides_of(body, spec.between)
-        self._are_doubled, spec = sides != spec.between, spec.model_copy(update={"between": sides})
+        are_doubled, spec = sides != spec.between, spec.model_copy(update={"between": sides})
+        self._obstacle = obstacle
+        self.has_obstacle, self.depends_on_state = obstacle is not None, obstacle is not None and sign > 0
         self.where, self.spec, self._law = where, spec, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
         self._updates = AcceleratedUpdates()
-        first, second = (self._region(name) for name in spec.between)
+        regions = [self._region(name) for name in spec.between[: 1 if obstacle is not None else 2]]
         # On the finer surface, nodes that supports hold leave tractions that hardly load the other body.
-        sizes = [region.at(body.given_nodes).mean_radius(self._comm) for region in (first, second)]
-        self._is_swapped = self._law.pulls and sizes[0] < sizes[1]
-        if self._is_swapped:
-            first, second = second, first
-        self._first, self._second = first, second
+        sizes = [region.at(body.given_nodes).mean_radius(self._comm) for region in regions]
+        self._is_swapped = self._law.pulls and sizes[0] < sizes[-1]
+        self._regions = tuple(regions)
+        first = self._first = regions[1] if self._is_swapped else regions[0]
+        self._opposite: Opposite = (
+            OppositeObstacle(obstacle, sign)
+            if obstacle is not None
+            else OppositeSurface(regions[0 if self._is_swapped else 1], self._comm, share_nodes=are_doubled)
+        )
         self._owned = unknowns.space.dofmap.index_map.size_local * unknowns.space.dofmap.index_map_bs
         corners = not self._law.has_vectors
         chosen = first.nodes[:, : first.kind.corner_count] if corners else first.nodes
         self._names: Ints = np.unique(np.concatenate(self._comm.allgather(np.unique(chosen))))
         functions = NodalFunctions(self._names, body, unknowns, corners=corners)
-        self.reports = InterfaceReports(where, label, spec, self._law, sign, functions)
-        self._frictions = frictions_of(spec, sign, self._names, self._owned, self._comm)
+        prefix = "interface" if obstacle is None else "contact"
+        self.reports = InterfaceReports(where, label, spec, self._law, sign, functions, prefix)
+        turns = not self._opposite.fixes_normals
+        self._frictions = frictions_of(spec, sign, self._names, self._owned, self._comm, turns=turns)
         self.depends_on_path = sign > 0 and bool(self._frictions)
         self.update_modulus(modulus)
         self.reset()
-        self._given, pressed = self._searched(body.given_nodes / body.length_scale, None)
-        if not self._given.areas.any():
+        self._given, pressed = self._searched(body.given_nodes / body.length_scale, None, loaded=sign < 0)
+        if obstacle is None and not self._given.areas.any():
             facing = self._facets(body.given_nodes / body.length_scale)
             refuse_surfaces(where, spec, *facing, body.length_scale, self._comm)
         self._offsets: Floats = np.zeros(len(self._q))
         self._pressing: Booleans = np.zeros(0, dtype=np.bool_)
         self._force_jump = self._gap_jump = self._given
-        self._place: tuple[Floats, Floats] | None = None
+        self._place: tuple[Floats, Floats, Floats] | None = None
         self._set_jumps(self._given, self._given, pressed)
         self._set_frictions(
             body.given_nodes / body.length_scale, np.zeros((len(unknowns.displacement_dofs_of_nodes), 3))
@@ -121,24 +145,29 @@ class SurfacePair:
         return RegionFacets(self._body, facets, self._unknowns)
 
     def _facets(self, nodes: Floats, u: Floats | None = None) -> tuple[Facets, Facets]:
-        return self._first.at(nodes, u), gathered(self._second.at(nodes, u), self._comm)
+        return self._first.at(nodes, u), self._opposite.facets(nodes, u)
 
     def _jump(self, nodes: Floats, u: Floats) -> Jump:
-        jump, pressed = self._searched(nodes, u)
+        jump, pressed = self._searched(nodes, u, loaded=False)
         if pressed is not None:
             pressed.destroy()
         return jump
 
-    def _searched(self, nodes: Floats, u: Floats | None) -> tuple[Jump, PressedSegments | None]:
-        """Return the jumps where the geometry nodes are (scaled), plus a displacement of the nodes of its space."""
+    def _searched(self, nodes: Floats, u: Floats | None, *, loaded: bool) -> tuple[Jump, PressedSegments | None]:
+        """Return the jumps where the geometry nodes are (scaled), plus a displacement of the nodes of its space.
+
+        Args:
+            loaded: whether these are the loaded bodies.
+        """
         first, second = self._facets(nodes, u)
-        reach = self._law.reach * float(second.radii.max(initial=0.0))
-        found = segments(first, second, reach, share_nodes=self._are_doubled)
+        found = self._opposite.segments(first, second, self._law.reach, loaded=loaded)
         corners = not self._law.has_vectors
         jump = Jump(self._names, corners=corners, first=first, second=second, segments=found, comm=self._comm)
         if not self._law.is_renewed:
             return jump, None
-        return jump, PressedSegments(self._names, first, second, found, self._owned, self._comm)
+        fixes = self._opposite.fixes_normals
+        pressed = PressedSegments(self._names, first, second, found, self._owned, self._comm, fixes_normals=fixes)
+        return jump, pressed
 
     # Algebra of the multipliers; all ranks have all of them.
 
@@ -175,7 +204,12 @@ class SurfacePair:
         penalties = self._penalties if self.is_iterated else np.zeros_like(self._penalties)
         for friction in self._frictions:
             friction.set_jump(
-                self._force_jump, penalties, self._first.at(nodes, moved), self._first.at(nodes, at), self._u
+                self._force_jump,
+                penalties,
+                self._first.at(nodes, moved),
+                self._first.at(nodes, at),
+                self._u,
+                self._opposite.shift(),
             )
 
     @property
@@ -186,7 +220,14 @@ class SurfacePair:
 
     def update_modulus(self, modulus: float) -> None:
         """Take another typical shear modulus (scaled)."""
-        self._stiffness = self._law.penalty * modulus
+        self._stiffness = self._law.penalty * modulus * softness(self._body)
+
+    def update_obstacle(self, effect: Contact) -> None:
+        """Take the numbers of another contact of the same reuse group."""
+        assert self._obstacle is not None
+        self._obstacle.effect = effect
+        gaps = {"rest_gap": effect.rest_gap, "touches_within": effect.touches_within, "known": effect.known}
+        self.spec = self.spec.model_copy(update=gaps)
 
     @property
     def _tolerance(self) -> float:
@@ -324,14 +365,17 @@ class SurfacePair:
         """Return the gaps at the nodes of both surfaces, of the loaded or of the unloaded bodies; collective."""
         u = self._sign * self._unknowns.state.x.array[self._unknowns.displacement_dofs_of_nodes]
         facets = self._facets(self._body.mesh.geometry.x, u if loaded == (self._sign > 0) else None)
-        return NodeGaps(*facets, self._owned, self._comm)
+        return self._opposite.node_gaps(*facets, self._owned, self._comm, loaded=loaded)
 
     # The part of a contact.
 
-    def passage(self, unknowns: Unknowns) -> SurfacePassage | None:
+    def passage(self, unknowns: Unknowns) -> SurfacePassage | Passage | None:
         """Return the ways of bodies in contact that a forward solve must not lead through each other."""
+        if self._obstacle is not None:
+            return self._obstacle.passage(unknowns) if self._sign > 0 else None
         is_followed = self._sign > 0 and not self._law.pulls
-        return SurfacePassage(self.surfaces, self._body, unknowns) if is_followed else None
+        first, second = self._regions
+        return SurfacePassage((first, second), self._body, unknowns) if is_followed else None
 
     def reset(self) -> None:
         self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
@@ -344,6 +388,10 @@ class SurfacePair:
         """Let slip begin with the last solution below a load factor."""
         for friction in self._frictions:
             friction.begin(load)
+
+    def soften_friction(self) -> bool:
+        """Let friction that the solve finds give way more until `reset`; return whether it did not before."""
+        return self.is_iterated and any(friction.soften() for friction in self._frictions)
 
     def end_step(self, load: float) -> None:
         """Keep the present solution; slip may begin there."""
@@ -360,15 +408,17 @@ class SurfacePair:
             return
         unknowns, x = self._unknowns, self._body.mesh.geometry.x
         u = unknowns.state.x.array[unknowns.displacement_dofs_of_nodes]
-        same = map(np.array_equal, self._place, (x, u)) if self._place is not None else (False, False)
-        is_mesh_same, is_state_same = (self._comm.allreduce(part, op=MPI.LAND) for part in same)
+        here = x, u, self._opposite.shift()
+        same = map(np.array_equal, self._place, here) if self._place is not None else (False, False, False)
+        is_mesh_same, is_displacement_same, is_shift_same = (self._comm.allreduce(p, op=MPI.LAND) for p in same)
+        is_state_same = is_displacement_same and is_shift_same
         if is_mesh_same and (is_state_same or not (self.is_iterated or measures)):
             return
-        self._place = x.copy(), u.copy()
+        self._place = x.copy(), u.copy(), here[2].copy()
         if self._sign < 0 and is_mesh_same:  # on a given shape forces are constant
             current, pressed, self._pressed = self._force_jump, self._pressed, None
         else:
-            current, pressed = self._searched(x, u if self._sign > 0 else None)
+            current, pressed = self._searched(x, u if self._sign > 0 else None, loaded=True)
         self._set_jumps(current, self._jump(x, -u) if self._sign < 0 else current, pressed)
         self._set_frictions(x, u)
         gaps = self._gap_jump.gaps - self._wanted_gaps
@@ -434,7 +484,9 @@ class SurfacePair:
         Raises:
             MeshError: on all ranks, if bodies in contact overlap.
         """
-        if not self._law.pulls and self._sign > 0:
+        if self._obstacle is not None and self._sign > 0:
+            check_obstacle(self.where, self.spec.between[0], self._given.gaps, self._body, self._place_of)
+        elif not self._law.pulls and self._sign > 0:
             check_overlap(self.where, self.spec, self._given.gaps, self._body, self._place_of)
 
     def _place_of(self, number: int) -> Floats:
@@ -474,9 +526,9 @@ class SurfacePair:
         )
 
     @property
-    def surfaces(self) -> tuple[RegionFacets, RegionFacets]:
-        """Both surfaces, in the order of the job."""
-        return (self._second, self._first) if self._is_swapped else (self._first, self._second)
+    def surfaces(self) -> tuple[RegionFacets, ...]:
+        """Surfaces of the mesh, in the order of the job; only the first one on a rigid obstacle."""
+        return self._regions
 
     @property
     def given_normals(self) -> tuple[Floats, Floats]:
@@ -494,6 +546,11 @@ class SurfacePair:
         tractions = np.abs(self._tractions()[0]).reshape(len(self._names), -1).max(axis=1)
         return float(tractions @ self._force_jump.areas)
 
+    def totals(self) -> Floats:
+        """Return the present force and area in contact (4,), scaled."""
+        tractions = self._tractions()[0]
+        return np.append(self._total_force(tractions), self._force_jump.areas[tractions > 0].sum())
+
     def _total_force(self, tractions: Floats) -> Floats:
         """Return the force (3,) on the first region of the job, scaled."""
         local = np.unique(self._first.local_nodes)
@@ -504,15 +561,25 @@ class SurfacePair:
 
 
 def pairs_of(
-    interfaces: Sequence[Interface], body: Body, unknowns: Unknowns, sign: int, modulus: float
+    interfaces: Sequence[Interface],
+    obstacles: Sequence[tuple[str, str, ObstacleSurface]],
+    body: Body,
+    unknowns: Unknowns,
+    sign: int,
+    modulus: float,
 ) -> list[SurfacePair]:
-    """Return the interfaces of a job; collective.
+    """Return the interfaces of a job, and its contacts with obstacles that take the part of a surface; collective.
 
     Args:
+        obstacles: place in the job and ending of the names of fields, by obstacle.
         sign: of the kinematics.
     """
     labels = [""] if len(interfaces) == 1 else [f"_{i}" for i in range(len(interfaces))]
-    return [
+    pairs = [
         SurfacePair(f"interfaces[{i}]", label, spec, body, unknowns, sign, modulus)
         for i, (label, spec) in enumerate(zip(labels, interfaces, strict=True))
     ]
+    for where, label, obstacle in obstacles:
+        spec = interface_of(obstacle.effect)
+        pairs.append(SurfacePair(where, label, spec, body, unknowns, sign, modulus, obstacle))
+    return pairs

@@ -1,7 +1,8 @@
 """Pressure on segments, which turns and stretches with the first surface while segments stay where they are on it.
 
 The force of a pressure ``p`` is ``∫ p (δx₂ - δx₁)·n da``, with the area vectors ``n da`` of the first surface at
-present. Without their derivative, surfaces under a pressure of half a shear modulus would not settle.
+present. Without their derivative, surfaces under a pressure of half a shear modulus would not settle. Opposite to a
+rigid obstacle the pressure keeps the direction out of it, and the area stretches only.
 """
 
 from __future__ import annotations
@@ -24,12 +25,22 @@ class PressedSegments:
     Args:
         names: sorted global numbers of the corners that have a pressure, on all ranks.
         owned: number of owned unknowns.
+        fixes_normals: whether pressures keep the directions of the segments' normals.
     """
 
     def __init__(
-        self, names: Ints, first: Facets, second: Facets, segments: Segments, owned: int, comm: MPI.Intracomm
+        self,
+        names: Ints,
+        first: Facets,
+        second: Facets,
+        segments: Segments,
+        owned: int,
+        comm: MPI.Intracomm,
+        *,
+        fixes_normals: bool = False,
     ) -> None:
         self._comm, self._owned, self._count = comm, owned, len(names)
+        self._directions_of_force = segments.normals if fixes_normals else None
         self._facets, j = segments.first, segments.second
         values = first.kind.values(segments.first_places)
         opposite = second.kind.values(segments.second_places)[0]
@@ -37,7 +48,9 @@ class PressedSegments:
         self._corners = np.searchsorted(names, first.nodes[:, : first.kind.corner_count])[self._facets]
         self._slopes, self._unknowns = values[1:], first.unknowns[self._facets]
         self._factors = np.ones(len(segments.weights))
-        self._factors = segments.weights / np.linalg.norm(self.areas(first.points), axis=1) * first.signs[self._facets]
+        self._factors = (
+            segments.weights / np.linalg.norm(self._turned_areas(first.points), axis=1) * first.signs[self._facets]
+        )
         rows = 3 * np.arange(len(j))[:, None, None] + np.arange(3)
         self._jump_columns = np.concatenate([self._unknowns, second.unknowns[j]], axis=1)
         self._jump_values = np.concatenate([-values[0], opposite], axis=1)
@@ -58,8 +71,14 @@ class PressedSegments:
 
     def areas(self, points: Floats) -> Floats:
         """Return the area vectors (n, 3) with the nodes of the facets at ``points`` (facets, nodes, 3)."""
+        areas = self._turned_areas(points)
+        if self._directions_of_force is None:
+            return areas
+        return np.asarray(np.linalg.norm(areas, axis=1)[:, None] * self._directions_of_force)
+
+    def _turned_areas(self, points: Floats) -> Floats:
         one, other = self._directions(points)
-        return self._factors[:, None] * np.cross(one, other)
+        return np.asarray(self._factors[:, None] * np.cross(one, other))
 
     def _directions(self, points: Floats) -> tuple[Floats, Floats]:
         one, other = np.matmul(self._slopes[:, :, None], points[self._facets])[:, :, 0]
@@ -91,6 +110,10 @@ class PressedSegments:
         first, second = np.cross(axes, other[:, None]), np.cross(one[:, None], axes)  # by component d: (n, d, c)
         values = np.einsum("nk,ndc->nckd", self._slopes[0], first) + np.einsum("nk,ndc->nckd", self._slopes[1], second)
         values *= at_points[:, None, None, None]
+        if (fixed := self._directions_of_force) is not None:
+            areas = self._turned_areas(points)
+            unit = areas / np.linalg.norm(areas, axis=1, keepdims=True)
+            values = np.einsum("nc,ne,nekd->nckd", fixed, unit, values)
         rows = self._first_row + 3 * np.arange(len(at_points))[:, None] + np.arange(3)
         rows = np.broadcast_to(rows[:, :, None, None], values.shape)
         columns = np.broadcast_to(self._unknowns[:, None], values.shape)

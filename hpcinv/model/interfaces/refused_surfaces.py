@@ -58,3 +58,15 @@ def check_overlap(where: str, spec: Interface, gaps: Floats, body: Body, place_o
         f" at ({', '.join(f'{c:.4g}' for c in place_of(worst) + 0.0)}) m",
         "Move the bodies apart; a motion of a support may press them together.",
     )
+
+
+def check_obstacle(where: str, region: str, gaps: Floats, body: Body, place_of: Callable[[int], Floats]) -> None:
+    """Raise an error if an obstacle overlaps the unloaded body; collective, with arguments as of `check_overlap`."""
+    if gaps.min(initial=0.0) >= -_OVERLAP * body.length:
+        return
+    worst = int(gaps.argmin())
+    raise MeshError(
+        f"{where}: the obstacle overlaps '{region}' of the unloaded body by {-gaps[worst] * body.length_scale:.3g} m"
+        f" at ({', '.join(f'{c:.4g}' for c in place_of(worst) + 0.0)}) m",
+        "Move it back and let it 'travel' into place, or turn its normal; check its unit.",
+    )

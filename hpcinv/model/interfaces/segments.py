@@ -46,6 +46,7 @@ class Segments:
         normals: unit normals of the first surface, out of its body, (n, 3).
         gaps: distance from the first to the second surface along the normal of the first facet, (n,); negative where
             they overlap.
+        rigid_points: points (n, 3) of a rigid obstacle, scaled; 0 where the second surface has nodes.
     """
 
     first: Ints
@@ -55,6 +56,7 @@ class Segments:
     weights: Floats
     normals: Floats
     gaps: Floats
+    rigid_points: Floats
 
 
 def segments(first: Facets, second: Facets, reach: float, *, share_nodes: bool = False) -> Segments:
@@ -74,7 +76,12 @@ def segments(first: Facets, second: Facets, reach: float, *, share_nodes: bool =
         else []
     )
     empty = Segments(
-        *(np.zeros(0, dtype=np.int64),) * 2, *(np.zeros((0, 2)),) * 2, np.zeros(0), np.zeros((0, 3)), np.zeros(0)
+        *(np.zeros(0, dtype=np.int64),) * 2,
+        *(np.zeros((0, 2)),) * 2,
+        np.zeros(0),
+        np.zeros((0, 3)),
+        np.zeros(0),
+        np.zeros((0, 3)),
     )
     fields = Segments.__dataclass_fields__
     return Segments(**{name: np.concatenate([getattr(part, name) for part in (empty, *parts)]) for name in fields})
@@ -107,7 +114,8 @@ def _segments(first: Facets, second: Facets, reach: float, chosen: Ints, share_n
     depth = np.minimum(first.radii[i] + second.radii[j], reach)
     good = is_here & is_there & (slant > 0) & (gaps <= reach) & (gaps >= -depth)
     weights = plane_weights / np.where(good, slant, 1.0)
-    return Segments(i[good], j[good], here[good], there[good], weights[good], outer[good], gaps[good])
+    rigid = np.zeros((int(good.sum()), 3))
+    return Segments(i[good], j[good], here[good], there[good], weights[good], outer[good], gaps[good], rigid)
 
 
 def _quadrature_degree(first: FacetKind, second: FacetKind) -> int:

@@ -10,6 +10,7 @@ from hpcinv.base.quantity import Faults, Length, StiffnessField, StressField, Su
 from hpcinv.base.quantity.nondimensional import LengthsOfBody
 from hpcinv.base.quantity.quantity import Size
 from hpcinv.base.quantity.units import Dimension
+from hpcinv.physics.effects.closures import GAP_CLOSURES, MOST_FRICTION, Closure, Known
 from hpcinv.physics.effects.effect import Direction, Effect, Kinematics
 from hpcinv.physics.effects.obstacles import AnyObstacle
 from hpcinv.physics.kinematics.stable_functions import positive_part, rounded_positive_part
@@ -24,7 +25,7 @@ TOLERANCE = 2.0**-16
 
 
 class Contact(Effect):
-    """Frictionless contact with a rigid obstacle, which only pushes.
+    """Contact with a rigid obstacle, which only pushes, without friction or with Coulomb friction.
 
     Its traction is ``t = p m`` per current area, where ``m`` is the direction away from the obstacle, and ``g`` the gap
     (signed distance) at the current position.
@@ -39,6 +40,10 @@ class Contact(Effect):
     Known contact pressure, with ``pressure``, on a given deformed shape: ``p = max(0, pressure - penalty g)``.
 
     ``max(0, ·)`` is rounded where the penetration is less than a quarter of ``penetration``.
+
+    With ``friction`` or a ``closure`` the obstacle is rigid, and takes the part of the second surface of an interface:
+    pressures and tangential tractions ``|t| <= friction p`` are at the vertices of the region, and gaps are means
+    around these. On a given deformed shape a ``closure`` says what determines them.
 
     Source: Wriggers (2006), Computational Contact Mechanics, doi:10.1007/978-3-540-32609-0; Simo & Laursen (1992),
     doi:10.1016/0045-7949(92)90540-G.
@@ -70,18 +75,56 @@ class Contact(Effect):
     penetration: Size | None = None
     """largest penetration of a rigid obstacle at vertices; by default 1/65536 of the length of the body; with a known
     pressure and a penalty, the value of the forward solve, which rounds the pressure where contact ends"""
+    friction: float = 0.0
+    """coefficient of Coulomb friction on a rigid obstacle: the tangential traction is at most this multiple of the
+    pressure"""
+    closure: Closure | None = None
+    """assumption on the pressure of a rigid obstacle on a given deformed shape, which does not determine it. touching:
+    none; conforming: the unloaded body touches the unloaded obstacle, too, where it presses; gap: they are 'rest_gap'
+    apart there; stick: as conforming, and the body did not slide; coulomb: as conforming, with friction that one load
+    step brings; given: the tractions of the forward solution, in a round trip that begins with it"""
+    rest_gap: Length | None = None
+    """gap of the unloaded body with 'closure: gap'"""
+    touches_within: Length | None = None
+    """gap of the given body up to which a 'closure' lets it press; by default 1/256 of its length"""
+    known: Known = Known()
+    """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
+        yield from self._contradicting_closure()
+        if self.is_paired:
+            text = "is not valid with 'friction' or a 'closure', which have a rigid obstacle and no such number"
+            names = ("stiffness", "pressure", "penalty", "penetration")
+            yield from (((name,), text) for name in names if getattr(self, name) is not None)
         if self.stiffness is not None:
             text = "is not valid with 'stiffness': there the penetration determines the pressure"
             yield from (((name,), text) for name in ("pressure", "penalty") if getattr(self, name) is not None)
         elif self.stand_off is not None:
             yield ("stand_off",), "is not valid without 'stiffness': a rigid obstacle has no elastic layer"
 
+    def _contradicting_closure(self) -> Faults:
+        if not 0 <= self.friction <= MOST_FRICTION:
+            yield ("friction",), f"must be from 0 to {MOST_FRICTION:g}"
+        if self.touches_within is not None and (self.closure is None or self.touches_within <= 0):
+            yield ("touches_within",), "must be positive, and is not valid without a 'closure'"
+        if self.closure is None and self.known.model_fields_set:
+            yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
+        if (self.closure == "gap") != (self.rest_gap is not None):
+            yield ("rest_gap",), "must be given with 'closure: gap', and only then"
+
+    @property
+    def is_paired(self) -> bool:
+        return self.friction != 0 or self.closure is not None
+
     @property
     def is_augmented(self) -> bool:
         """True if the contact pressure is found by iteration."""
         return self.stiffness is None and self.pressure is None
+
+    @property
+    def assumes_gap(self) -> bool:
+        """True if the gap of the unloaded body determines the pressure on a given deformed shape."""
+        return self.closure in GAP_CLOSURES
 
     @property
     def presses_at_any_load(self) -> bool:
@@ -97,10 +140,10 @@ class Contact(Effect):
         return "rigid and frictionless obstacle"
 
     def faults(self, first: Direction) -> Faults:
-        if first == "inverse" and self.is_augmented:
+        if first == "inverse" and self.is_augmented and not self.is_paired:
             text = (
                 "the contact pressure on a given deformed body is not determined, since its gap is 0;"
-                " give the 'stiffness' of an elastic layer, or a known 'pressure'"
+                " give the 'stiffness' of an elastic layer, a known 'pressure', or assume a 'closure'"
             )
             yield (), text
         if first == "forward" and self.pressure is not None:
@@ -122,6 +165,8 @@ class Contact(Effect):
 
     def functions(self, degree: int) -> Mapping[str, tuple[int, int]]:
         functions = {f"obstacle_{name}": value for name, value in self.obstacle.functions(degree).items()}
+        if self.is_paired:
+            return {}
         if not self.is_augmented:
             return functions
         return functions | {"multiplier": (1, 1)} | ({"penalty": (1, 1)} if self.penalty is None else {})
@@ -171,6 +216,8 @@ class Contact(Effect):
         """Return the tolerated penetration in scaled lengths."""
         return par.penetration
 
-    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any:
+    def virtual_work(self, k: Kinematics, v: Any, load: Any, par: Any) -> Any | None:
+        if self.is_paired:
+            return None
         p, (_, m) = self.contact_pressure(k, load, par), self.gap(k, load, par)
         return k.da(p * sum(m[i] * v[i] for i in range(3)), self.region, QUADRATURE)

@@ -73,6 +73,11 @@ class Effect(Ingredient):
         """
         return False
 
+    @property
+    def is_paired(self) -> bool:
+        """True if it takes the part of the second surface of an interface, instead of a traction of its own."""
+        return False
+
     def is_attached(self, name: str) -> bool:
         return not self.is_load or name in self.attached
 

@@ -40,7 +40,7 @@ class DiscretisationCheck(Check):
         if run.has_unknown_loads:
             yield skipped(DISCRETISATION, f"is not estimated where {solution.constraints[-1].what} is unknown")
             return
-        if solution.job.interfaces:
+        if solution.job.all_interfaces:
             yield skipped(DISCRETISATION, "interfaces join surfaces: compare two meshes")
             return
         is_asked = solution.job.certificate.estimate

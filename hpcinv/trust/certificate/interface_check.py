@@ -51,7 +51,7 @@ class InterfaceCheck(Check):
     name, order = "surfaces in contact", 32
 
     def applies(self, run: CheckedRun) -> bool:
-        return super().applies(run) and any(i.kind == "contact" for i in run.solution.job.interfaces)
+        return super().applies(run) and any(i.kind == "contact" for i in run.solution.job.all_interfaces)
 
     def lines(self, run: CheckedRun) -> Iterator[Line]:
         equations, solution = run.equations, run.solution
@@ -71,6 +71,8 @@ class InterfaceCheck(Check):
             verdict = Verdict.PASS if least >= -_ROUNDED * largest else Verdict.FAIL
             note = f"at most {readable(largest, 'Pa')}"
             yield Line(PRESSURE.placed(place), least + 0.0, "Pa", "fail below 0", verdict, note)
+            if pair.has_obstacle:
+                continue
             forces = np.zeros(unknowns.state.x.index_map.size_local * unknowns.state.x.block_size)
             pair.add_forces(forces)
             total = forces[unknowns.owned_displacement_dofs].reshape(-1, 3).sum(axis=0)

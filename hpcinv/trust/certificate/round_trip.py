@@ -82,7 +82,7 @@ class RoundTripCheck(Check):
 
 def _with_assumptions(line: Line, solution: Solution) -> Line:
     """Return the line with what it cannot confirm: bodies come back with any contact pressure."""
-    if line.value is None or not any(interface.closure for interface in solution.job.interfaces):
+    if line.value is None or not any(interface.closure for interface in solution.job.all_interfaces):
         return line
     note = "any pressure between the bodies closes: this does not confirm the assumed one"
     return replace(line, note="; ".join(filter(None, [line.note, note])))

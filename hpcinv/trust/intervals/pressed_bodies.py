@@ -224,4 +224,5 @@ class PressedBodies:
 def _with_given_pressures(job: Job) -> Job:
     given = {"closure": "given", "rest_gap": None}
     interfaces = tuple(i.model_copy(update=given) if i.kind == "contact" else i for i in job.interfaces)
-    return job.model_copy(update={"interfaces": interfaces})
+    effects = tuple(effect.model_copy(update=given) if effect.is_paired else effect for effect in job.effects)
+    return job.model_copy(update={"interfaces": interfaces, "effects": effects})

@@ -152,7 +152,7 @@ def spreads_of(job: Job, body: Body) -> Spreads:
     There are none with interfaces, which derivatives by the surface leave out.
     """
     is_known = job.mesh.surface_error is not None or body.source.voxel
-    if not (job.certificate.surface and is_known) or job.interfaces:
+    if not (job.certificate.surface and is_known) or job.all_interfaces:
         return Spreads()
     spreads: Spreads = on_demand("spreads by errors of the surface")(job, body)
     return spreads
