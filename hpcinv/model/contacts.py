@@ -343,15 +343,15 @@ def paired_obstacles(
     ]
 
 
-def softness(body: Body) -> float:
+def _softness(body: Body) -> float:
     """Return the share of a solid's penalty that a shell has, which bends more easily; 1 of a solid."""
     relative = body.source.thickness / (body.length * body.length_scale)
     return float(min(relative / _THICK, 1.0) ** 3) if relative > 0 else 1.0
 
 
-def _first_penalty(modulus: float, body: Body) -> float:
+def first_penalty(modulus: float, body: Body) -> float:
     """Return the scaled penalty at first, for a shear modulus; a shell that bends more easily has a lower one."""
-    return PENALTY * modulus / body.length * softness(body)
+    return PENALTY * modulus / body.length * _softness(body)
 
 
 class _OneContact:
@@ -377,13 +377,13 @@ class _OneContact:
         self._last_change = np.inf  # the last change by an update
         self._before_update: tuple[Floats, Floats | None] | None = None  # pressures and penalties
         self._growth = _STIFFEST
-        self._first = _first_penalty(modulus, body)
+        self._first = first_penalty(modulus, body)
         if self._penalty is not None and not self._penalty.any():
             self._penalty[:] = self._first
 
     def update_parameters(self, effect: Contact, modulus: float) -> None:
         self.effect = self._obstacle.effect = effect
-        self._first = _first_penalty(modulus, self._body)
+        self._first = first_penalty(modulus, self._body)
 
     @property
     def _penalty(self) -> Floats | None:

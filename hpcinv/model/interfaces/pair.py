@@ -24,11 +24,12 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.quantity.nondimensional import Scales
+from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface, interface_of
 from hpcinv.mesh import Body
 from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.contacts import ContactReport, softness
+from hpcinv.model.contacts import ContactReport, first_penalty
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.friction import frictions_of
@@ -104,6 +105,11 @@ class SurfacePair:
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
         self._updates = AcceleratedUpdates()
+        if unknowns.has_directors:
+            raise MeshError(
+                f"{where}: friction or a closure is not possible with a shell of more than 3,000 thicknesses",
+                "Make it thicker or shorter, or leave 'friction' and 'closure' out.",
+            )
         regions = [self._region(name) for name in spec.between[: 1 if obstacle is not None else 2]]
         # On the finer surface, nodes that supports hold leave tractions that hardly load the other body.
         sizes = [region.at(body.given_nodes).mean_radius(self._comm) for region in regions]
@@ -185,7 +191,9 @@ class SurfacePair:
         else:
             self._gap_matrix = gaps.normal_matrix(self._owned, means=True)
         areas = np.repeat(np.minimum(forces.areas, gaps.areas), 3 if self._law.has_vectors else 1)
-        self._penalties = np.where(areas > 0, self._stiffness / np.sqrt(np.where(areas > 0, areas, 1.0)), 0.0)
+        sizes = np.sqrt(np.where(areas > 0, areas, 1.0)) if self._soft_penalty is None else 1.0
+        stiffness = self._stiffness if self._soft_penalty is None else self._soft_penalty
+        self._penalties = np.where(areas > 0, stiffness / sizes, 0.0)
         self._left: PETSc.Vec = self._gap_matrix.createVecLeft()
         self._right: PETSc.Vec = self._gap_matrix.createVecRight()
 
@@ -220,7 +228,9 @@ class SurfacePair:
 
     def update_modulus(self, modulus: float) -> None:
         """Take another typical shear modulus (scaled)."""
-        self._stiffness = self._law.penalty * modulus * softness(self._body)
+        self._stiffness = self._law.penalty * modulus
+        is_shell = self._body.source.thickness > 0
+        self._soft_penalty = first_penalty(modulus, self._body) if is_shell else None
 
     def update_obstacle(self, effect: Contact) -> None:
         """Take the numbers of another contact of the same reuse group."""
