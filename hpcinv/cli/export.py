@@ -43,7 +43,7 @@ def add_export(commands: Any) -> None:
         "--to",
         type=Path,
         metavar="FILE",
-        help="surface to write or replace (.stl, .ply, .3mf, .step), or mesh of solid cells (.vtu, .inp, .pts, …)",
+        help="surface (.stl, .ply, .3mf, .step), mesh of solid cells (.vtu, .inp, .pts, …), or OpenUSD (.usda)",
     )
     what.add_argument(
         "--deck",
@@ -105,6 +105,8 @@ def _export(options: argparse.Namespace) -> int:
         return _export_cells(options, unit)
     if suffix_of(options.to) == ".pts":
         return _export_opencarp(options)
+    if suffix_of(options.to) == ".usda":
+        return _export_usd(options, unit)
 
     from hpcinv.geometry.workshop.formats import check, write
     from hpcinv.geometry.workshop.mould import Mould, Split, mould
@@ -220,6 +222,25 @@ def _export_opencarp(options: argparse.Namespace) -> int:
     print(f"regions: {', '.join(f'{number} is {name}' for number, name in done.regions.items()) or 'none (0)'}")
     print(f"directions: {', '.join(done.directions) or 'none in the shape, (1, 0, 0) instead'}")
     _warn_of_nodes(options, source)
+    return 0
+
+
+def _export_usd(options: argparse.Namespace, unit: float) -> int:
+    """Write the loaded body with its rest shape for OpenUSD."""
+    from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, read_shape
+    from hpcinv.geometry.workshop.usd import write_usd
+    from hpcinv.output.run_directory import RunDirectory
+
+    _refuse_options_of_surfaces(options)
+    if options.region is not None:
+        raise OutputError(f"--region: {options.to} has the whole body, with its regions")
+    rest = read_shape(options.run, UNDEFORMED)
+    loaded = read_shape(options.run, DEFORMED if options.shape == UNDEFORMED else options.shape)
+    done = write_usd(options.to, RunDirectory(options.run).job(None), loaded, rest, options.scale, unit)
+    curved = f", up to {readable(done.distance, 'm')} from curved edges" if done.distance > 1e-9 else ""
+    print(f"{options.to}: {done.cells:,} tetrahedra in {options.unit}, loaded and at rest{curved}")
+    print(f"regions: {', '.join(done.regions.values()) or 'none'}")
+    _warn_of_nodes(options, rest)
     return 0
 
 

@@ -75,7 +75,7 @@ def _package(error: ImportError) -> str:
 
 def extra_with(package: str) -> str:
     """Return the smallest extra of hpcinv that installs a package; empty if none does, or hpcinv is not installed."""
-    name = {"vtkmodules": "vtk"}.get(package, package).lower()
+    name = {"pxr": "usd-core", "vtkmodules": "vtk"}.get(package, package).lower()
     try:
         requirements = metadata.requires("hpcinv") or []
     except metadata.PackageNotFoundError:

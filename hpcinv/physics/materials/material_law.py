@@ -167,8 +167,8 @@ class MaterialLaw(Ingredient):
             for name in NAMES:
                 if math.isfinite(value := self._stated.get(name, math.inf)):
                     numbers[name,] = Number(value, Dimension() if name == "poisson" else _STRESS)
-        if self.replaceable is not None and self.replaceable[0] is not None and self._is_uniform:
-            young, poisson = self._young_and_poisson()
+        if self.replaceable is not None and self.replaceable[0] is not None and self.is_uniform:
+            young, poisson = self.young_and_poisson()
             numbers["young",] = Number(young, _STRESS)
             numbers["poisson",] = "is 0.5, the end of its range" if poisson == 0.5 else Number(poisson, Dimension())
         return numbers
@@ -207,7 +207,7 @@ class MaterialLaw(Ingredient):
             own = "shear_modulus" if shear is None or shear in stated else self.bulk_measure
             fixed = next((name for name in NAMES if name in stated and name != "poisson"), own)
         if math.isinf(kappa):
-            shear_rate, bulk_rate = mu / self._young_and_poisson()[0], math.inf
+            shear_rate, bulk_rate = mu / self.young_and_poisson()[0], math.inf
         else:
             shear_rate, bulk_rate = rates(str(place[0]), fixed, mu, kappa)
         changes: dict[str, tuple[Any, Dimension]] = {}
@@ -238,7 +238,8 @@ class MaterialLaw(Ingredient):
         return (parameter,)
 
     @property
-    def _is_uniform(self) -> bool:
+    def is_uniform(self) -> bool:
+        """True if its parameters are the same everywhere."""
         return all(is_uniform(value) for value, _ in self.quantities().values())
 
     def _parameters(self) -> Any:
@@ -248,7 +249,8 @@ class MaterialLaw(Ingredient):
     def _bulk(self) -> float:
         return math.inf if self.is_incompressible else float(self.bulk_modulus(self._parameters()))
 
-    def _young_and_poisson(self) -> tuple[float, float]:
+    def young_and_poisson(self) -> tuple[float, float]:
+        """Return Young's modulus (Pa) and Poisson's ratio at small strain, of anisotropic laws of their matrix."""
         return young_and_poisson(self.shear_modulus(self._parameters()), self._bulk())
 
     def _slope(self, modulus: Callable[[Any], Any], place: KeyPath) -> float:
@@ -285,7 +287,7 @@ class MaterialLaw(Ingredient):
         for name in wanted:
             trial = cls.put(name, 1.0, trial)
         law = cls.model_validate(trial, context={**(info.context or {}), _UNFINISHED: True})
-        if not law._is_uniform:
+        if not law.is_uniform:
             raise Problems(((next(iter(moduli)),), "can be given only where the other parameters are plain numbers"))
         if shear not in wanted:
             moduli["shear_modulus"] = law.shear_modulus(law._parameters())
