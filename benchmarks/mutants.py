@@ -1,306 +1,246 @@
-"""What the daily tests catch: ``python benchmarks/mutants.py --seed 1 --count 200 [PATH ...]``.
+"""What the daily tests catch: ``python benchmarks/mutants.py --record DIR``, then ``--lines DIR --seed 1 --count 200``.
 
-Plants one small fault at a time into a copy of the project: a sign, a factor, a bound, a dropped term, swapped
-arguments, a deleted line, a constant, a condition. Each is run against the tests whose imports reach its module,
-nearest first, until one fails that passes without the fault. Prints the share that was found by folder, and the others
-as diffs.
+The first runs the daily tests and records which lines each executes. The second plants one small fault at a time into
+a copy of the project (`planted_faults`), and runs tests that execute its lines, near and short ones first, until one
+fails that passes without the fault. Prints the share that was found by folder, and the other faults as diffs. A file
+of results is continued by the same command; a higher limit tries undecided faults again.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
-import difflib
+import json
 import os
-import random
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import tempfile
-from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cache
-from itertools import islice
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from queue import Queue
+from threading import Lock
 from time import monotonic
+from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-TEST_FOLDERS = ("unit", "verification", "parallel", "system")
-"""Each is run as if it were two imports farther than the one before."""
-SWAPPED = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
-BOUNDS = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
-OUTCOMES = ("killed", "survived", "out of time")
+from planted_faults import ROOT, Fault, drawn
+from reaching_tests import Record, write_sources
+
+OUTCOMES = ("killed", "survived", "undecided")
+"""A fault has survived if all tests that execute its lines pass; it is undecided if the limit was too low for them."""
+MAKERS = ("hpcinv/base/parallel", "hpcinv/model/assembly", "hpcinv/physics/points")
+"""Faults there may make wrong programs under the names of right ones: these begin with an empty cache."""
+FIRST_SECONDS, FIRST_TESTS = 12.0, 12
+"""Tests of the first start of pytest. With more, a fault that a near test finds takes longer; with fewer, others do."""
+TESTS_PER_SECOND = 0.4
+"""Number of tests for a limit in s: more take longer than the limit, mostly for starts and imports."""
+SLOWER, START = 6.0, 40.0
+"""Tests with a fault hang if they take so many times their usual time, and so many seconds for their start."""
+HOOK = """import os; exec("import sys\\nif os.environ.get('HPCINV_TEST_LINES') and {name!r} not in sys.modules:\\n\
+ from importlib import util\\n spec = util.spec_from_file_location({name!r}, {path!r})\\n\
+ sys.modules[{name!r}] = module = util.module_from_spec(spec)\\n spec.loader.exec_module(module)\\n module.start()")
+"""
+"""Line of a ``.pth`` file: each start of Python then records its lines if the environment asks for it."""
+
+
+def record(directory: Path, arguments: Sequence[str]) -> int:
+    """Run pytest and record the lines that each test executes; return its exit code."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for pattern in ("*.jsonl", "*.lines"):
+        for file in directory.glob(pattern):
+            file.unlink()
+    name, path = "helpers.executed_lines", str(ROOT / "tests" / "helpers" / "executed_lines.py")
+    hook = Path(sysconfig.get_paths()["purelib"]) / "hpcinv_executed_lines.pth"
+    hook.write_text(HOOK.format(name=name, path=path))
+    try:
+        environment = os.environ | {"HPCINV_TEST_LINES": str(directory.absolute())}
+        command = [sys.executable, "-m", "pytest", *arguments]
+        code = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+    finally:
+        hook.unlink()
+    write_sources(directory)
+    return code
 
 
 @dataclass(frozen=True)
-class Fault:
-    """A part of a file from ``begin`` to ``end`` (bytes), and what is put there instead."""
+class Trial:
+    """What became of a fault.
 
-    path: Path
-    kind: str
-    begin: int
-    end: int
-    text: str
+    Attributes:
+        outcome: one of `OUTCOMES`.
+        by: the test that failed.
+        tried, reaching: numbers of tests that were run, and that reach the fault.
+        seconds: on the clock.
+        limit: in seconds, for its tests.
+    """
 
-    def planted(self, source: bytes) -> bytes:
-        """Return the source with the fault."""
-        return source[: self.begin] + self.text.encode() + source[self.end :]
-
-    def diff(self, root: Path) -> str:
-        """Return the fault as a diff without context."""
-        source = (root / self.path).read_bytes()
-        before, after = (text.decode().splitlines() for text in (source, self.planted(source)))
-        lines = list(difflib.unified_diff(before, after, lineterm="", n=0))[2:]
-        return "\n".join([f"{self.path}: {self.kind}", *lines])
+    outcome: str
+    by: str
+    tried: int
+    reaching: int
+    seconds: float
+    limit: float
 
 
-class _Faults(ast.NodeVisitor):
-    """Collects the faults of a file; annotations, docstrings and what only makes messages have none."""
+class Passing:
+    """What is known of tests without a fault, for all copies."""
 
-    def __init__(self, path: Path, source: bytes) -> None:
-        self.path, self.source, self.found = path, source, list[Fault]()
-        self._lines = [0]
-        for line in source.splitlines(keepends=True):
-            self._lines.append(self._lines[-1] + len(line))
-
-    def _span(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        return self._lines[node.lineno - 1] + node.col_offset, self._lines[node.end_lineno - 1] + node.end_col_offset
-
-    def _text(self, node: ast.expr | ast.stmt) -> str:
-        begin, end = self._span(node)
-        return self.source[begin:end].decode()
-
-    def _add(self, kind: str, node: ast.expr | ast.stmt, text: str) -> None:
-        self.found.append(Fault(self.path, kind, *self._span(node), text))
-
-    def _between(self, kind: str, left: ast.expr, right: ast.expr, pattern: str, text: str) -> None:
-        """Replace the operator between two expressions."""
-        begin, end = self._span(left)[1], self._span(right)[0]
-        if match := re.search(pattern, self.source[begin:end].decode()):
-            place = begin + len(self.source[begin:end].decode()[: match.start()].encode())
-            self.found.append(Fault(self.path, kind, place, place + len(match[0].encode()), text))
-
-    def visit_BinOp(self, node: ast.BinOp) -> None:
-        if isinstance(node.left, ast.JoinedStr) or isinstance(getattr(node.left, "value", None), str):
-            return
-        if text := SWAPPED.get(type(node.op)):
-            kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
-            self._between(kind, node.left, node.right, r"[-+*/]", text)
-        if isinstance(node.op, ast.Add | ast.Sub):
-            self._add("dropped term", node, self._text(node.left))
-        self.generic_visit(node)
-
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if isinstance(node.op, ast.USub | ast.Not):
-            self._add("sign" if isinstance(node.op, ast.USub) else "condition", node, f"({self._text(node.operand)})")
-        self.generic_visit(node)
-
-    def visit_Compare(self, node: ast.Compare) -> None:
-        if text := BOUNDS.get(type(node.ops[0])):
-            self._between("bound", node.left, node.comparators[0], "[<>=!]=?", text)
-        self.generic_visit(node)
-
-    def visit_BoolOp(self, node: ast.BoolOp) -> None:
-        is_and = isinstance(node.op, ast.And)
-        self._between("condition", node.values[0], node.values[1], r"\b(and|or)\b", "or" if is_and else "and")
-        self.generic_visit(node)
-
-    def visit_If(self, node: ast.If) -> None:
-        self._add("condition", node.test, f"not ({self._text(node.test)})")
-        self.generic_visit(node)
-
-    def visit_Call(self, node: ast.Call) -> None:
-        plain = [argument for argument in node.args if not isinstance(argument, ast.Starred)]
-        if len(plain) == len(node.args) >= 2 and self._text(plain[0]) != self._text(plain[1]):
-            first, second = plain[:2]
-            between = self.source[self._span(first)[1] : self._span(second)[0]].decode()
-            begin, end = self._span(first)[0], self._span(second)[1]
-            text = f"{self._text(second)}{between}{self._text(first)}"
-            self.found.append(Fault(self.path, "swapped arguments", begin, end, text))
-        self.generic_visit(node)
-
-    def visit_Constant(self, node: ast.Constant) -> None:
-        if isinstance(node.value, bool):
-            self._add("constant", node, str(not node.value))
-        elif isinstance(node.value, int):
-            self._add("constant", node, str(node.value + 1))
-        elif isinstance(node.value, float):
-            self._add("factor", node, repr(2 * node.value) if node.value else "1.0")
-
-    def _visit_statement(self, node: ast.Assign | ast.AugAssign | ast.Expr) -> None:
-        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        if is_text:
-            return
-        if node.col_offset:  # a name of a module that is missing fails at its import
-            self._add("deleted line", node, "pass")
-        self.generic_visit(node)
-
-    visit_Assign = visit_AugAssign = visit_Expr = _visit_statement  # noqa: N815 (names of ast)
-
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        if node.value:
-            self.visit(node.value)
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        for part in (*node.args.defaults, *filter(None, node.args.kw_defaults), *node.body):
-            self.visit(part)
-
-    def visit_Raise(self, node: ast.Raise) -> None:
-        self._add("deleted line", node, "pass")
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        """Texts are not changed."""
-
-    def visit_TypeAlias(self, node: ast.TypeAlias) -> None:
-        """Types are checked by mypy."""
-
-
-def faults_of(path: Path, root: Path = ROOT) -> list[Fault]:
-    """Return all faults that can be planted into a file; some do not compile."""
-    source = (root / path).read_bytes()
-    visitor = _Faults(path, source)
-    visitor.visit(ast.parse(source))
-    return visitor.found
-
-
-def is_program(fault: Fault, root: Path = ROOT) -> bool:
-    """Return whether the file compiles with the fault."""
-    try:
-        compile(fault.planted((root / fault.path).read_bytes()), "", "exec", dont_inherit=True)
-    except (SyntaxError, ValueError):
-        return False
-    return True
-
-
-def drawn(paths: Sequence[Path], seed: int, count: int, root: Path = ROOT) -> list[Fault]:
-    """Return random faults of the files below ``paths``: each place has the same chance."""
-    files = sorted({file for path in paths for file in ([path] if path.suffix else (root / path).rglob("*.py"))})
-    faults = [
-        fault for file in files for fault in faults_of(file.relative_to(root) if file.is_absolute() else file, root)
-    ]
-    random.Random(seed).shuffle(faults)
-    return list(islice((fault for fault in faults if is_program(fault, root)), count))
-
-
-def imports_of(file: Path, modules: Mapping[str, Path]) -> set[Path]:
-    """Return the files among ``modules`` (by name) that a file imports anywhere, also by a text ``MODULE:NAME``."""
-    names = set[str]()
-    for node in ast.walk(ast.parse(file.read_bytes())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            names.add(node.value.partition(":")[0])
-    return {modules[name] for name in names if name in modules}
-
-
-@cache
-def importers_of(root: Path) -> Mapping[Path, set[Path]]:
-    """Return the files that import each file of the project, and its tests."""
-    modules = dict[str, Path]()
-    for base in (root, root / "tests", root / "benchmarks"):
-        for file in [*base.glob("hpcinv/**/*.py"), *base.glob("helpers/*.py"), *base.glob("*.py")]:
-            name = ".".join(file.relative_to(base).with_suffix("").parts)
-            modules[name.removesuffix(".__init__")] = file
-    importers = defaultdict[Path, set[Path]](set)
-    tests = set((root / "tests").rglob("test_*.py"))
-    for file in {*modules.values(), *tests}:
-        for imported in imports_of(file, modules):
-            importers[imported].add(file)
-    for file in modules.values():  # packages import all their modules by name, as laws and effects do
-        if file.name != "__init__.py":
-            importers[file].add(file.with_name("__init__.py"))
-    for file in root.glob("hpcinv/cli/*.py"):  # commands are imported by their names
-        importers[file].add(root / "hpcinv" / "__main__.py")
-    return importers
-
-
-def distances(module: Path, root: Path = ROOT) -> dict[Path, int]:
-    """Return the number of imports between a module and each test file that reaches it."""
-    found, queue = {root / module: 0}, deque([root / module])
-    while queue:
-        for file in importers_of(root).get(here := queue.popleft(), ()):
-            if file not in found:
-                found[file] = found[here] + 1
-                queue.append(file)
-    names = {file.relative_to(root): distance for file, distance in found.items()}
-    return {file: distance for file, distance in names.items() if file.name.startswith("test_")}
-
-
-def nearest_tests(module: Path, root: Path = ROOT) -> list[Path]:
-    """Return the test files that reach a module: those that name it, then near ones, and unit tests before others."""
-
-    def order(item: tuple[Path, int]) -> tuple[bool, int, str]:
-        file, distance = item
-        return module.stem not in file.stem, distance + 2 * TEST_FOLDERS.index(file.parts[1]), str(file)
-
-    return [file for file, _ in sorted(distances(module, root).items(), key=order)]
+    def __init__(self) -> None:
+        self.passed, self.failed = set[str](), set[str]()
 
 
 class Copy:
     """A copy of the project in which one fault is tried at a time, with a cache of kernels of its own."""
 
-    def __init__(self, directory: Path) -> None:
-        self.root, self._cache, self._pristine = directory / "project", directory / "cache", directory / "pristine"
+    def __init__(self, directory: Path, record: Record, passing: Passing) -> None:
+        self.root, self._pristine, self._warm = (directory / name for name in ("project", "pristine", "warm"))
+        self._cache, self._temporary = directory / "cache", directory / "tmp"
+        self._record, self._passing = record, passing
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
         for root in (self.root, self._pristine):
             for name in filter(None, listed.stdout.split("\0")):
                 if (ROOT / name).is_file():
                     (root / name).parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(ROOT / name, root / name)
+        (self._warm / "hpcinv").mkdir(parents=True)
+        kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hpcinv"
+        for pattern in ("points_*", "taylor_*", "hpcinv_*.so"):
+            for file in kept.glob(pattern):
+                shutil.copy2(file, self._warm / "hpcinv" / file.name)
 
-    def tried(self, fault: Fault, limit: float) -> tuple[str, str]:
-        """Return one of ``OUTCOMES``, and the test that failed."""
-        file = self.root / fault.path
+    def _fill_cache(self, fault: Fault) -> None:
+        """Begin with programs that are right, in files that a fault cannot change in the copy that is kept."""
+        shutil.rmtree(self._cache, ignore_errors=True)  # the last fault may have left wrong programs there
+        (self._cache / "hpcinv").mkdir(parents=True)
+        if not str(fault.path).startswith(MAKERS):
+            for file in (self._warm / "hpcinv").iterdir():
+                if not file.name.endswith(".lock"):
+                    (self._cache / "hpcinv" / file.name).hardlink_to(file)
+
+    def tried(self, fault: Fault, limit: float) -> Trial:
+        """Run tests until one finds the fault, all that reach it have passed, or the limit in s is used up."""
+        file, begin = self.root / fault.path, monotonic()
         source = file.read_bytes()
-        shutil.rmtree(self._cache, ignore_errors=True)  # a fault may have left wrong programs there
+        reaching = [name for name in self._record.ordered(fault) if name not in self._passing.failed]
+        some = self._affordable(reaching, limit)
+        self._fill_cache(fault)
         try:
             file.write_bytes(fault.planted(source))
-            return self._outcome(nearest_tests(fault.path, self._pristine), limit)
+            outcome, by = self._outcome(some, begin + limit)
         finally:
             file.write_bytes(source)
+        if outcome == "survived" and len(some) < len(reaching):
+            outcome = "undecided"
+        return Trial(outcome, by, len(some), len(reaching), round(monotonic() - begin, 1), limit)
 
-    def _outcome(self, tests: Sequence[Path], limit: float) -> tuple[str, str]:
-        """Run the nearest file first, then more at a time: pytest imports all of them before the first test."""
-        names, ends = [str(test) for test in tests], monotonic() + limit
-        begin = 0
-        for count in (1, 4, 20, len(names)):
-            some, begin = names[begin : begin + count], begin + count
-            fails_anyway = list[str]()
-            while some:
-                done = self._pytest(self.root, [*some, *fails_anyway], ends - monotonic())
-                if done is None:
-                    return "out of time", ""
-                if done.returncode in (0, 5):
+    def _affordable(self, names: Sequence[str], limit: float) -> list[str]:
+        """Return the first tests that are not too many for the limit, and not too long together."""
+        some, seconds = list[str](), 0.0
+        for name in names:
+            seconds += self._record.tests[name].seconds
+            if some and (seconds > limit / 2 or len(some) > TESTS_PER_SECOND * limit):
+                break
+            some.append(name)
+        return some
+
+    def _outcome(self, tests: Sequence[str], ends: float) -> tuple[str, str]:
+        """Run the first tests, then the others: pytest imports the files of all before the first test."""
+        first = 0
+        seconds = 0.0
+        while first < min(FIRST_TESTS, len(tests)) and seconds < FIRST_SECONDS:
+            seconds += self._record.tests[tests[first]].seconds
+            first += 1
+        for names in (tests[:first], tests[first:]):
+            while some := [name for name in names if name not in self._passing.failed]:
+                left = ends - monotonic()
+                patience = START + SLOWER * sum(self._record.tests[name].seconds for name in some)
+                done = self._pytest(self.root, self._cache, some, min(patience, left))
+                if done is None and patience >= left:
+                    return "undecided", ""
+                if done is not None and done.returncode in (0, 5):
                     break
-                failed = re.findall(r"^(?:FAILED|ERROR) (\S+?\.py(?:::.*?)?)(?: - .*)?$", done.stdout, re.M)
-                without = self._pytest(self._pristine, failed, limit) if failed else None
-                if without is None or without.returncode == 0:
-                    return "killed", failed[0] if failed else "pytest ended"
-                fails_anyway += ["--deselect=" + name for name in failed]
+                failed = found_failures(done.stdout, some) if done is not None else []
+                files = tuple(f"{name}::" for name in failed if "::" not in name)  # their collection failed
+                to_check = [name for name in failed if "::" in name] or [n for n in some if n.startswith(files)] or some
+                if self._passes_without(to_check, patience):
+                    return "killed", failed[0] if failed else "pytest hangs" if done is None else "pytest ended"
+                if not failed:
+                    return "undecided", "the tests hang or end pytest without the fault, too"
+                self._passing.failed.update(failed)
+                if not set(failed) & set(some):
+                    return "undecided", f"{failed[0]} fails without the fault, too"
         return "survived", ""
 
-    def _pytest(self, root: Path, names: Sequence[str], limit: float) -> subprocess.CompletedProcess[str] | None:
+    def _passes_without(self, names: Sequence[str], patience: float) -> bool:
+        """Return whether tests pass without the fault."""
+        if unknown := [name for name in names if name not in self._passing.passed]:
+            done = self._pytest(self._pristine, self._warm, unknown, patience)
+            if done is None or done.returncode != 0:
+                return False
+            self._passing.passed.update(unknown)
+        return True
+
+    def _pytest(
+        self, root: Path, cache: Path, names: Sequence[str], limit: float
+    ) -> subprocess.CompletedProcess[str] | None:
+        shutil.rmtree(self._temporary, ignore_errors=True)
+        self._temporary.mkdir()
         command = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "--tb=no", "-p", "no:cacheprovider", *names]
-        environment = os.environ | {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(self._cache)}
+        environment = os.environ | {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(cache)}
+        environment |= {"TMPDIR": str(self._temporary), "PYTHONDONTWRITEBYTECODE": ""}
         with subprocess.Popen(
             command, cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            start_new_session=True,
+            errors="replace", start_new_session=True,
         ) as process:  # fmt: skip
             try:
                 output, _ = process.communicate(timeout=max(limit, 1.0))
             except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
                 return None
         return subprocess.CompletedProcess(command, process.returncode, output)
+
+
+def found_failures(output: str, names: Sequence[str]) -> list[str]:
+    """Return the tests among those that were run, or the files, that a summary of pytest says to have failed."""
+    found = list[str]()
+    for line in re.findall(r"^(?:FAILED|ERROR) (\S+\.py.*)$", output, re.M):
+        ids = [name for name in names if line == name or line.startswith(f"{name} - ")]
+        found.append(max(ids, key=len, default=line.partition(" - ")[0]))
+    return found
+
+
+class Results:
+    """A file with a line of JSON for each fault that was tried; in memory only, if there is no path."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path, self._lock, self._trials = path, Lock(), dict[Fault, Trial]()
+        if path is not None and path.is_file():
+            for text in path.read_text().splitlines():
+                line = json.loads(text)
+                fault = {name: line.pop(name) for name in Fault.__dataclass_fields__}
+                self._trials[Fault(**fault | {"path": Path(fault["path"])})] = Trial(**line)
+
+    def __getitem__(self, fault: Fault) -> Trial | None:
+        return self._trials.get(fault)
+
+    def add(self, fault: Fault, trial: Trial) -> None:
+        """Keep one, and print it."""
+        line: dict[str, Any] = asdict(fault) | {"path": str(fault.path)} | asdict(trial)
+        what = fault.diff(ROOT) if trial.outcome != "killed" else f"{fault.path}: {fault.kind}"
+        tests = trial.by if trial.outcome == "killed" else f"{trial.tried} of {trial.reaching} tests; {trial.by}"
+        with self._lock:
+            self._trials[fault] = trial
+            print(f"{trial.outcome} after {trial.seconds:.0f} s ({tests.rstrip('; ')}): {what}", flush=True)
+            if self._path is not None:
+                with self._path.open("a") as file:
+                    print(json.dumps(line), file=file)
 
 
 def folder_of(fault: Fault) -> str:
@@ -320,33 +260,69 @@ def table(results: Iterable[tuple[Fault, str]]) -> Iterator[str]:
         yield f"{name:28}" + "".join(f"{counts[name][outcome]:13}" for outcome in OUTCOMES) + f"{share:13.0%}"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--count", type=int, default=200, help="number of faults")
-    parser.add_argument("--limit", type=float, default=600.0, help="seconds for the tests of a fault")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="faults that are tried at a time")
-    parser.add_argument("paths", nargs="*", type=Path, default=[Path("hpcinv")], help="files and folders of faults")
-    options = parser.parse_args()
-    faults = drawn(options.paths, options.seed, options.count)
-    results = list[tuple[Fault, str]]()
-    with tempfile.TemporaryDirectory() as temporary, ThreadPoolExecutor(options.jobs) as pool:
+def try_all(faults: Sequence[Fault], results: Results, record: Record, options: argparse.Namespace) -> None:
+    """Try faults on several copies of the project at a time, for ``options.minutes`` or until all are tried."""
+    passing, ends = Passing(), monotonic() + 60 * options.minutes
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as temporary:
         copies = Queue[Copy]()
         for number in range(options.jobs):
-            copies.put(Copy(Path(temporary) / str(number)))
+            copies.put(Copy(Path(temporary) / str(number), record, passing))
 
-        def tried(fault: Fault) -> tuple[Fault, str, str]:
+        def tried(fault: Fault) -> None:
             copy = copies.get()
             try:
-                return (fault, *copy.tried(fault, options.limit))
+                if monotonic() < ends:
+                    results.add(fault, copy.tried(fault, options.limit))
             finally:
                 copies.put(copy)
 
-        for fault, outcome, by in pool.map(tried, faults):
-            results.append((fault, outcome))
-            print(f"{outcome:12} {fault.diff(ROOT) if outcome != 'killed' else f'{fault.path}: {fault.kind}, {by}'}")
-            sys.stdout.flush()
-    print("", *table(results), sep="\n")
+        pool = ThreadPoolExecutor(options.jobs)
+        try:
+            for future in [pool.submit(tried, fault) for fault in faults]:
+                future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return the options; ``record`` is a directory and what is for pytest."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--record", nargs=argparse.REMAINDER, metavar="DIR ...", help="run pytest with what follows DIR")
+    where.add_argument("--lines", type=Path, metavar="DIR", help="the recorded lines")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=200, help="number of faults")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds for the tests of a fault")
+    parser.add_argument("--minutes", type=float, default=1e6, help="begin no fault after this time")
+    parser.add_argument("--results", type=Path, metavar="FILE", help="keep results there, or continue them")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="faults that are tried at a time")
+    parser.add_argument("paths", nargs="*", type=Path, help="files and folders of faults; hpcinv if there are none")
+    options = parser.parse_args(arguments)
+    if options.record == []:
+        parser.error("--record needs a directory")
+    return options
+
+
+def main() -> int:
+    options = parsed()
+    if options.record:
+        return record(Path(options.record[0]), options.record[1:])
+    try:
+        lines = Record(options.lines)
+    except FileNotFoundError as error:
+        print(f"no record: {error.filename} is missing. Make one by --record {options.lines}", file=sys.stderr)
+        return 2
+    if lines.changed:
+        print(
+            f"{len(lines.changed)} files have changed since; their tests may be others. Record again for all of them."
+        )
+    faults = drawn(options.paths or [Path("hpcinv")], options.seed, options.count)
+    results = Results(options.results)
+    done = {fault: trial for fault in faults if (trial := results[fault])}
+    again = [fault for fault in done if done[fault].outcome == "undecided" and done[fault].limit < options.limit]
+    try_all([*(fault for fault in faults if fault not in done), *again], results, lines, options)
+    trials = [(fault, trial.outcome) for fault in faults if (trial := results[fault])]
+    print("", *table(trials), sep="\n")
     return 0
 
 

@@ -53,6 +53,10 @@ def pytest_configure(config: pytest.Config) -> None:
         from helpers.recorder import Recorder  # it imports DOLFINx
 
         config.pluginmanager.register(Recorder(Path(records), batches.batch_of))
+    if lines := os.environ.get("HPCINV_TEST_LINES"):
+        from helpers.line_recorder import LineRecorder  # only `benchmarks/mutants.py --record` starts it
+
+        config.pluginmanager.register(LineRecorder(Path(lines), batches.batch_of))
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -35,12 +35,14 @@ while True:
     message, descriptors, _, _ = socket.recv_fds(channel, 1 << 16, 2)
     if not message:
         break
+    test, *arguments = json.loads(message)
+    os.environ["PYTEST_CURRENT_TEST"] = test
     if (child := os.fork()) == 0:
         channel.close()
         for number, descriptor in enumerate(descriptors, start=1):
             os.dup2(descriptor, number)
         try:
-            reader.main(*json.loads(message))
+            reader.main(*arguments)
         except BaseException:
             sys.excepthook(*sys.exc_info())
             os._exit(1)
@@ -69,7 +71,7 @@ class WarmReader:
     def __call__(self, action: str, path: Path, receive: Any = None) -> subprocess.CompletedProcess[bytes]:
         command, _ = isolated._command(action, path)
         with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
-            message = json.dumps(command[-4:])  # action, path and limits
+            message = json.dumps([os.environ.get("PYTEST_CURRENT_TEST", ""), *command[-4:]])  # action, path, limits
             socket.send_fds(self._channel, [message.encode()], [output.fileno(), errors.fileno()])
             code = int(self._channel.recv(64))
             output.seek(0)
