@@ -213,7 +213,7 @@ class Record:
         """Return the tests that execute a fault; for one that runs at an import, those that use what it makes."""
         place = place_of(fault, self.root)
         found = self.executing(fault.path, place.lines) or self.executing(fault.path, place.statement)
-        if found and not place.is_kept:
+        if found and not (place.is_kept or place.runs_at_import):  # a command that a test starts imports the file, too
             return found
         is_outside = self._outside.executes(str(fault.path), mask(place.statement))
         if not (place.runs_at_import or is_outside or place.is_kept):

@@ -152,7 +152,7 @@ def test_the_place_of_a_fault_says_when_it_runs(
 
 
 def recorded(directory: Path) -> Record:
-    """Lines of `MODULE`: three tests by themselves, one of them also in a process that it has started."""
+    """Lines of `MODULE` that three tests execute, one of them also in a command that imports it."""
     (directory / "hpcinv").mkdir()
     (directory / "hpcinv" / "law.py").write_text(MODULE)
     for name in ("a", "b"):
@@ -163,7 +163,7 @@ def recorded(directory: Path) -> Record:
         for name, (seconds, numbers) in tests.items():
             lines = {"hpcinv/law.py": f"{mask(numbers):x}"}
             print(json.dumps({"test": f"tests/unit/{name}", "seconds": seconds, "ranks": 1, "lines": lines}), file=file)
-    (directory / "2.lines").write_text("\ntests/unit/test_b.py::kept\nhpcinv/law.py 11\nhpcinv/l")
+    (directory / "2.lines").write_text("\ntests/unit/test_b.py::kept\nhpcinv/law.py 11\nhpcinv/law.py 3\nhpcinv/l")
     write_sources(directory, directory)
     return Record(directory, directory)
 
