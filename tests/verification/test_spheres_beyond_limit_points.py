@@ -133,8 +133,11 @@ def test_first_root_and_largest_pressure_of_a_sphere_that_softens(
 
 @pytest.mark.release
 def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Intracomm) -> None:
-    """Compared at the same share of the largest pressure: next to it, its own error decides on the radius."""
-    p = 1.058
+    """Compared at the same share of the largest pressure: next to it, its own error decides on the radius.
+
+    At lower pressures, such as 1.058 Pa, steps meet a path of wrinkles, whose pressure has a minimum above.
+    """
+    p = 1.0595
     result = soft_sphere(comm, 3, p, hexahedra=True, limit_points=1)
     (limit,) = (p * solve.load for solve in result.solutions[0].solves if solve.limit_point)
     second = root(lambda A: soft_pressure(A) - p / limit * SOFT_LIMIT, ELLIPTIC_FROM, A_SOFT_LIMIT)
@@ -145,7 +148,8 @@ def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Int
         f" out of round by {out_of_round(result):.4f}"
     )
     assert limit == pytest.approx(SOFT_LIMIT, rel=0.01)
-    assert pytest.approx(second, rel=0.03) == A  # the first root is 6 % larger
+    assert pytest.approx(second, rel=0.03) == A
+    assert A < A_SOFT_LIMIT  # the first root is larger
     assert out_of_round(result) < 0.02
 
 
