@@ -22,7 +22,7 @@ class Interface(Spec):
 
     between: Annotated[tuple[str, str], Field(strict=False)]
     """two regions of the boundary, or two labels (regions of cells) that share nodes, which are doubled there; of
-    'contact', pressures are at the vertices of the first one"""
+    'contact', pressures are at the vertices of the first one, and a surface that touches itself is named twice"""
     kind: Kind
     """tied: the surfaces stick to each other for ever; sliding: they slide on each other without friction, and never
     part; contact: they press on each other where they touch, with 'friction' or without"""
@@ -42,7 +42,7 @@ class Interface(Spec):
     """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        if self.between[0] == self.between[1]:
+        if self.between[0] == self.between[1] and self.kind != "contact":
             yield ("between",), "names one region twice: name the two surfaces that face each other"
         if self.friction and self.kind != "contact":
             yield ("friction",), f"is not valid with 'kind: {self.kind}': give it to 'kind: contact'"
@@ -73,6 +73,12 @@ def faults_of_interfaces(
     Args:
         directions, uncertainty: of the job.
     """
+    for i, interface in enumerate(interfaces):
+        if interface.between[0] == interface.between[1] and "inverse" in directions:
+            yield (
+                ("interfaces", i, "between"),
+                "names one region twice, which only a forward analysis can have: name the two surfaces that touch",
+            )
     places: list[tuple[KeyPath, Interface]] = [(("interfaces", i), interface) for i, interface in enumerate(interfaces)]
     places += [
         (("effects", i), interface_of(effect))

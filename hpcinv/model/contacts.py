@@ -19,6 +19,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.obstacle_passage import Passage, Passages
 from hpcinv.model.obstacle_surface import ObstacleSurface
+from hpcinv.model.outcome import Outcome
 from hpcinv.model.parameters import entry_of, present_value
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.surface_distance import SurfaceDistance
@@ -280,6 +281,11 @@ class Contacts:
         """Let friction that the solve finds give way more until `reset`; return whether it did not before."""
         softened = [pair.soften_friction() for pair in self.pairs]  # of all of them
         return any(softened)
+
+    def follow_failure(self, outcome: Outcome) -> None:
+        """Adapt penalties of interfaces after a solve that failed."""
+        for pair in self.pairs:
+            pair.follow_failure(outcome)
 
     def update(self) -> bool:
         """Update the contacts that have not settled; return whether there are any.

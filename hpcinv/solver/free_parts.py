@@ -7,16 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.pair import SurfacePair
 from hpcinv.model.interfaces.pins import Pins
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
-from hpcinv.solver.support_checks import joined_parts, node_labels, parts_of
+from hpcinv.solver.support_checks import joined_parts, node_labels
 
 _UNDETERMINED = {
     "touching": "does not balance its loads",
@@ -50,6 +53,8 @@ def _pins(label: int, labels: Ints, body: Body, pairs: Sequence[SurfacePair], we
     nodes, comm = body.given_nodes / body.length_scale, body.mesh.comm
     region, surfaces, normals = "", list[Facets](), list[tuple[Floats, Floats]]()
     for pair in pairs:
+        if _is_within(pair, labels == label, comm):
+            continue
         for name, surface in zip(pair.spec.between, pair.surfaces, strict=True):
             own = gathered(_of_part(surface, surface.at(nodes), labels == label), comm)
             if not len(own):
@@ -66,6 +71,12 @@ def _pins(label: int, labels: Ints, body: Body, pairs: Sequence[SurfacePair], we
     numbers = np.concatenate([facets.unknowns.reshape(-1, 3) for facets in surfaces])
     directions, at = (np.concatenate(part) for part in zip(*normals, strict=True))
     return Pins(region, (places, numbers), (directions, at), weak_form.unknowns, comm)
+
+
+def _is_within(pair: SurfacePair, is_in_part: Booleans, comm: MPI.Intracomm) -> bool:
+    """Return whether both surfaces belong to a part, which nothing else holds by them."""
+    within = all(is_in_part[surface.cells].all() for surface in pair.surfaces)
+    return bool(comm.allreduce(within, op=MPI.LAND))
 
 
 def _of_part(region: RegionFacets, facets: Facets, is_in_part: Floats) -> Facets:

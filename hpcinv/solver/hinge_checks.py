@@ -19,13 +19,14 @@ from hpcinv.base.quantity.units import length_symbol
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows
 from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame, free_motions, largest_stiffness, names, unsprung_basis
 from hpcinv.model.supports import Supports
 from hpcinv.solver.spring_stiffness import stiffness_of
-from hpcinv.solver.support_checks import node_labels, parts_of
+from hpcinv.solver.support_checks import node_labels
 
 _MOST_DESCRIBED = 3  # parts of a body in one message
 # Parts whose motions are found together, by a dense matrix. In larger groups each part is checked by itself, as if the

@@ -32,9 +32,9 @@ from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.mesh_files import save
+from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.source import DataArray, Group
 from hpcinv.output.checkpoint import Checkpoints, Position
-from hpcinv.solver.support_checks import parts_of
 
 CLOSE = 1e-12
 MOVE = np.array([3.0, 2.0, 1.0])

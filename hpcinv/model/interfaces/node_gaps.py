@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets, gathered
+from hpcinv.model.interfaces.one_body import OneBody
 from hpcinv.model.interfaces.segments import OPPOSITE, seen_points, tangents_of
 
 type _Rows = tuple[Floats, Floats, Floats, Ints, Floats]
@@ -47,15 +48,17 @@ class NodeGaps:
         self._left = self._matrix.createVecLeft()
 
     @classmethod
-    def of_surfaces(cls, first: Facets, second: Facets, owned: int, comm: Any) -> Self:
+    def of_surfaces(cls, first: Facets, second: Facets, owned: int, comm: Any, one_body: OneBody | None = None) -> Self:
         """Return the gaps at the nodes of two surfaces, where the other one is seen along the normal.
 
         Args:
             first: facets of the first surface on this rank.
             second: facets of the second surface on all ranks.
+            one_body: surfaces that belong to the same body.
         """
         everywhere = gathered(first, comm)
-        return cls([_rows(everywhere, second, comm), _rows(second, everywhere, comm)], owned, comm)
+        rows = [_rows(everywhere, second, comm, one_body), _rows(second, everywhere, comm, one_body, is_reversed=True)]
+        return cls(rows, owned, comm)
 
     def rates(self, direction: PETSc.Vec) -> Floats:
         """Return rates (n,) of the gaps where the nodes move along a direction of the unknowns; collective."""
@@ -68,7 +71,7 @@ class NodeGaps:
         self._left.destroy()
 
 
-def _rows(first: Facets, second: Facets, comm: Any) -> _Rows:
+def _rows(first: Facets, second: Facets, comm: Any, one_body: OneBody | None, *, is_reversed: bool = False) -> _Rows:
     """Return gaps, places and normals of this rank's share of the nodes of a surface, with unknowns and weights."""
     from scipy.spatial import cKDTree
 
@@ -82,12 +85,15 @@ def _rows(first: Facets, second: Facets, comm: Any) -> _Rows:
     names, place, normals = names[mine], place[mine], normals[mine]
     points, unknowns = first.points.reshape(-1, 3)[place], first.unknowns.reshape(-1, 3)[place]
     tree, largest = cKDTree(second.middles[0]), float(second.radii.max(initial=0.0))
-    nearest, _ = tree.query(points)
+    nearest = tree.query(points)[0] if one_body is None else one_body.sight
     near = tree.query_ball_point(points, nearest + largest)
     i = np.repeat(np.arange(len(points)), [len(found) for found in near])
     j = np.concatenate([np.zeros(0, dtype=np.int64), *(np.asarray(found, dtype=np.int64) for found in near)])
     faces = np.einsum("ni,ni->n", normals[i], second.middles[1][j]) < OPPOSITE
     kept = faces & ~(second.nodes[j] == names[i][:, None]).any(axis=1)
+    if one_body is not None:
+        facets = place[i] // first.nodes.shape[1]
+        kept &= one_body.may_meet(j, facets) if is_reversed else one_body.may_meet(facets, j)
     i, j = i[kept], j[kept]
     there, y, _, is_there = seen_points(second, j, points[i], tangents_of(normals[i]), np.zeros((len(i), 2)))
     gaps = np.einsum("ni,ni->n", y - points[i], normals[i])

@@ -16,7 +16,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.model.interfaces.facets import FacetKind, Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.node_gaps import NodeGaps
-from hpcinv.model.interfaces.segments import OPPOSITE, Segments, segments
+from hpcinv.model.interfaces.one_body import OneBody
+from hpcinv.model.interfaces.segments import OPPOSITE, Segments, facing_pairs, segments
 from hpcinv.model.obstacle_surface import ObstacleSurface
 
 _MORE = 2
@@ -72,25 +73,30 @@ class OppositeSurface:
 
     Args:
         share_nodes: whether both may share nodes.
+        one_body: surfaces that belong to the same body.
     """
 
     fixes_normals = False
 
-    def __init__(self, region: RegionFacets, comm: MPI.Intracomm, *, share_nodes: bool) -> None:
-        self._region, self._comm, self._share_nodes = region, comm, share_nodes
+    def __init__(
+        self, region: RegionFacets, comm: MPI.Intracomm, *, share_nodes: bool, one_body: OneBody | None = None
+    ) -> None:
+        self._region, self._comm, self._share_nodes, self._one_body = region, comm, share_nodes, one_body
 
     def facets(self, nodes: Floats, u: Floats | None) -> Facets:
         return gathered(self._region.at(nodes, u), self._comm)
 
     def segments(self, first: Facets, second: Facets, reach: float, *, loaded: bool) -> Segments:
         farthest = reach * float(second.radii.max(initial=0.0))
-        return segments(first, second, farthest, share_nodes=self._share_nodes)
+        if self._one_body is not None and self._one_body.is_one_surface:
+            self._one_body.choose_sides(*facing_pairs(second, farthest, self._one_body))
+        return segments(first, second, farthest, share_nodes=self._share_nodes, one_body=self._one_body)
 
     def shift(self) -> Floats:
         return np.zeros(3)
 
     def node_gaps(self, first: Facets, second: Facets, owned: int, comm: MPI.Intracomm, *, loaded: bool) -> NodeGaps:
-        return NodeGaps.of_surfaces(first, second, owned, comm)
+        return NodeGaps.of_surfaces(first, second, owned, comm, self._one_body)
 
 
 class OppositeObstacle:

@@ -38,6 +38,7 @@ from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import LAWS
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
 from hpcinv.model.interfaces.node_gaps import NodeGaps
+from hpcinv.model.interfaces.one_body import OneBody, one_body_of
 from hpcinv.model.interfaces.opposite import Opposite, OppositeObstacle, OppositeSurface
 from hpcinv.model.interfaces.pressed_segments import PressedSegments
 from hpcinv.model.interfaces.refused_surfaces import (
@@ -45,9 +46,11 @@ from hpcinv.model.interfaces.refused_surfaces import (
     check_overlap,
     refuse_surfaces,
 )
+from hpcinv.model.interfaces.softening import Softening
 from hpcinv.model.interfaces.surface_passage import SurfacePassage
 from hpcinv.model.obstacle_passage import Passage
 from hpcinv.model.obstacle_surface import ObstacleSurface
+from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.effects.contact import Contact
 
@@ -104,7 +107,7 @@ class SurfacePair:
         self.where, self.spec, self._law = where, spec, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
         self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
-        self._updates = AcceleratedUpdates()
+        self._updates, self._softening = AcceleratedUpdates(), Softening()
         if unknowns.has_directors:
             raise MeshError(
                 f"{where}: friction or a closure is not possible with a shell of more than 3,000 thicknesses",
@@ -116,11 +119,7 @@ class SurfacePair:
         self._is_swapped = self._law.pulls and sizes[0] < sizes[-1]
         self._regions = tuple(regions)
         first = self._first = regions[1] if self._is_swapped else regions[0]
-        self._opposite: Opposite = (
-            OppositeObstacle(obstacle, sign)
-            if obstacle is not None
-            else OppositeSurface(regions[0 if self._is_swapped else 1], self._comm, share_nodes=are_doubled)
-        )
+        self._opposite = self._opposite_side(are_doubled=are_doubled)
         self._owned = unknowns.space.dofmap.index_map.size_local * unknowns.space.dofmap.index_map_bs
         corners = not self._law.has_vectors
         chosen = first.nodes[:, : first.kind.corner_count] if corners else first.nodes
@@ -134,7 +133,7 @@ class SurfacePair:
         self.update_modulus(modulus)
         self.reset()
         self._given, pressed = self._searched(body.given_nodes / body.length_scale, None, loaded=sign < 0)
-        if obstacle is None and not self._given.areas.any():
+        if obstacle is None and self._one_body is None and not self._given.areas.any():
             facing = self._facets(body.given_nodes / body.length_scale)
             refuse_surfaces(where, spec, *facing, body.length_scale, self._comm)
         self._offsets: Floats = np.zeros(len(self._q))
@@ -145,6 +144,21 @@ class SurfacePair:
         self._set_frictions(
             body.given_nodes / body.length_scale, np.zeros((len(unknowns.displacement_dofs_of_nodes), 3))
         )
+
+    def _opposite_side(self, *, are_doubled: bool) -> Opposite:
+        """Return what lies opposite to the first surface.
+
+        Args:
+            are_doubled: whether the nodes of both surfaces were doubled.
+        """
+        self._one_body: OneBody | None = None
+        if self._obstacle is not None:
+            return OppositeObstacle(self._obstacle, self._sign)
+        one, other = self._regions
+        if self._sign > 0 and not (self._law.pulls or are_doubled):
+            self._one_body = one_body_of(self.where, self.spec, self._body, (one, other))
+        second = one if self._is_swapped else other
+        return OppositeSurface(second, self._comm, share_nodes=are_doubled, one_body=self._one_body)
 
     def _region(self, name: str) -> RegionFacets:
         facets = self._body.boundary_facets(name, "An interface is between two regions of the boundary.")
@@ -193,7 +207,8 @@ class SurfacePair:
         areas = np.repeat(np.minimum(forces.areas, gaps.areas), 3 if self._law.has_vectors else 1)
         sizes = np.sqrt(np.where(areas > 0, areas, 1.0)) if self._soft_penalty is None else 1.0
         stiffness = self._stiffness if self._soft_penalty is None else self._soft_penalty
-        self._penalties = np.where(areas > 0, stiffness / sizes, 0.0)
+        self._first_penalties = np.where(areas > 0, stiffness / sizes, 0.0)
+        self._penalties = self._softening.share * self._first_penalties
         self._left: PETSc.Vec = self._gap_matrix.createVecLeft()
         self._right: PETSc.Vec = self._gap_matrix.createVecRight()
 
@@ -209,7 +224,7 @@ class SurfacePair:
 
     def _set_frictions(self, nodes: Floats, u: Floats) -> None:
         moved, at = (u, None) if self._sign > 0 else (None, -u)
-        penalties = self._penalties if self.is_iterated else np.zeros_like(self._penalties)
+        penalties = self._first_penalties if self.is_iterated else np.zeros_like(self._penalties)
         for friction in self._frictions:
             friction.set_jump(
                 self._force_jump,
@@ -385,12 +400,13 @@ class SurfacePair:
             return self._obstacle.passage(unknowns) if self._sign > 0 else None
         is_followed = self._sign > 0 and not self._law.pulls
         first, second = self._regions
-        return SurfacePassage((first, second), self._body, unknowns) if is_followed else None
+        return SurfacePassage((first, second), self._body, unknowns, self._one_body) if is_followed else None
 
     def reset(self) -> None:
         self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
         self._before_update: Floats | None = None
         self._updates.forget()
+        self._softening.reset()
         for friction in self._frictions:
             friction.reset()
 
@@ -443,6 +459,17 @@ class SurfacePair:
         rest_gap = self.spec.rest_gap if self._sign < 0 else None
         return 0.0 if rest_gap is None else rest_gap / self._body.length_scale
 
+    def follow_failure(self, outcome: Outcome) -> None:
+        """Adapt the penalty of contact after a solve that failed; tractions of the present state stay."""
+        if not self._law.pulls and self._sign > 0 and self._softening.after_failure(outcome):
+            self._soften()
+
+    def _soften(self) -> None:
+        tractions, gaps = self._tractions()[0], self._signed_gaps()
+        self._penalties = self._softening.share * self._first_penalties
+        self._q = np.where(tractions > 0, np.maximum(tractions + self._penalties * gaps, 0.0), 0.0)
+        self._updates.forget()
+
     def change(self) -> tuple[float, Callable[[], None]]:
         """Return the change by an update, over the largest at which it has settled, and a function that makes it.
 
@@ -469,6 +496,9 @@ class SurfacePair:
         def apply() -> None:
             self._before_update = self._multipliers
             self._set_multipliers(self._updates.after(self._multipliers, np.concatenate(differences), active))
+            if self._softening.after_update(max(sizes)):
+                self._penalties = self._softening.share * self._first_penalties
+                self._updates.forget()
 
         return max(sizes), apply
 
@@ -562,7 +592,11 @@ class SurfacePair:
         return np.append(self._total_force(tractions), self._force_jump.areas[tractions > 0].sum())
 
     def _total_force(self, tractions: Floats) -> Floats:
-        """Return the force (3,) on the first region of the job, scaled."""
+        """Return the force (3,) on the first region of the job, or on the first sides of one surface, scaled."""
+        if self.spec.between[0] == self.spec.between[1] and self._pressed is not None:
+            sheared = [friction.tractions(self._u, tractions).vectors for friction in self._frictions]
+            shear: Floats = sum((self.areas @ vectors for vectors in sheared), np.zeros(3))
+            return self._pressed.resultant(tractions, self._first_points()) - shear
         local = np.unique(self._first.local_nodes)
         local = local[local < self._unknowns.displacement_space.dofmap.index_map.size_local]
         dofs = self._unknowns.displacement_dofs_of_nodes[local]

@@ -90,6 +90,12 @@ class PressedSegments:
         self._at_points.array[:] = (at_points[:, None] * self.areas(points)).ravel()
         self._jumps.multTranspose(self._at_points, into)
 
+    def resultant(self, pressures: Floats, points: Floats) -> Floats:
+        """Return the force (3,) on the first side of all segments; collective."""
+        at_points = np.einsum("nk,nk->n", self._hats, pressures[self._corners])
+        force: Floats = -self._comm.allreduce(at_points @ self.areas(points), op=MPI.SUM)
+        return force
+
     def force_matrix(self, points: Floats) -> PETSc.Mat:
         """Return the matrix (corners, unknowns) whose transpose makes forces of pressures; collective."""
         areas = self.areas(points)

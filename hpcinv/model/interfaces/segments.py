@@ -17,6 +17,7 @@ import numpy as np
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.facets import FacetKind, Facets
+from hpcinv.model.interfaces.one_body import OneBody
 
 OPPOSITE = -0.3
 """Cosine between outer normals of facets above which they do not face each other. Raised, edges of a surface meet
@@ -33,6 +34,7 @@ _OUTSIDE = 0.05
 _OBLIQUE = 4
 """Degrees of quadrature that are added for quadrilaterals; lowered, oblique ones lose digits."""
 _PAIRS = 20_000  # facets of the first surface that are searched together, for memory
+_MORE = 16  # ratio of facets that are near to one of the same body
 
 
 @dataclass(frozen=True)
@@ -59,18 +61,22 @@ class Segments:
     rigid_points: Floats
 
 
-def segments(first: Facets, second: Facets, reach: float, *, share_nodes: bool = False) -> Segments:
+def segments(
+    first: Facets, second: Facets, reach: float, *, share_nodes: bool = False, one_body: OneBody | None = None
+) -> Segments:
     """Return the segments of facets that face each other; not collective.
 
     Args:
         reach: largest distance (scaled) of surfaces that face each other, and depth of an overlap. No overlap is deeper
             than two facets are wide: it would be the other side of a body.
         share_nodes: whether opposite facets may share nodes, as on the closed edge of an interface between labels.
+        one_body: surfaces that belong to the same body.
     """
+    size = _PAIRS if one_body is None else _PAIRS // _MORE
     parts = (
         [
-            _segments(first, second, reach, np.arange(start, min(start + _PAIRS, len(first))), share_nodes)
-            for start in range(0, len(first), _PAIRS)
+            _segments(first, second, reach, np.arange(start, min(start + size, len(first))), share_nodes, one_body)
+            for start in range(0, len(first), size)
         ]
         if len(second)
         else []
@@ -87,9 +93,14 @@ def segments(first: Facets, second: Facets, reach: float, *, share_nodes: bool =
     return Segments(**{name: np.concatenate([getattr(part, name) for part in (empty, *parts)]) for name in fields})
 
 
-def _segments(first: Facets, second: Facets, reach: float, chosen: Ints, share_nodes: bool) -> Segments:
-    i, j = _candidates(first, second, reach, chosen)
-    if not share_nodes:
+def _segments(
+    first: Facets, second: Facets, reach: float, chosen: Ints, share_nodes: bool, one_body: OneBody | None
+) -> Segments:
+    i, j = _candidates(first, second, reach, chosen, one_body)
+    if one_body is not None:
+        meet = one_body.are_chosen(i + one_body.starts[0], j)
+        i, j = i[meet], j[meet]
+    elif not share_nodes:
         apart = ~(first.nodes[i][:, :, None] == second.nodes[j][:, None]).any(axis=(1, 2))
         i, j = i[apart], j[apart]
     (origins, normals), tangents = first.middles[:, i], tangents_of(first.middles[1][i])
@@ -118,19 +129,37 @@ def _segments(first: Facets, second: Facets, reach: float, chosen: Ints, share_n
     return Segments(i[good], j[good], here[good], there[good], weights[good], outer[good], gaps[good], rigid)
 
 
+def facing_pairs(facets: Facets, reach: float, one_body: OneBody) -> tuple[Ints, Ints]:
+    """Return pairs of facets of one surface, all on this rank, that are near, face each other and may meet."""
+    size = _PAIRS // _MORE
+    starts = range(0, len(facets), size)
+    found = [
+        _candidates(facets, facets, reach, np.arange(start, min(start + size, len(facets))), one_body)
+        for start in starts
+    ]
+    i, j = (np.concatenate([np.zeros(0, dtype=np.int64), *part]) for part in zip(*found, strict=True))
+    meet = one_body.may_meet(i, j)
+    return i[meet], j[meet]
+
+
 def _quadrature_degree(first: FacetKind, second: FacetKind) -> int:
     """Return the degree of products of two basis functions; on oblique quadrilaterals these are not polynomials."""
     degree = max(first.degree, second.degree)
     return 2 * degree if first.corner_count == second.corner_count == 3 else 4 * degree + _OBLIQUE
 
 
-def _candidates(first: Facets, second: Facets, reach: float, chosen: Ints) -> tuple[Ints, Ints]:
+def _candidates(
+    first: Facets, second: Facets, reach: float, chosen: Ints, one_body: OneBody | None
+) -> tuple[Ints, Ints]:
     """Return pairs of facets that are near and opposite to each other."""
     from scipy.spatial import cKDTree  # which runs without interfaces do not load
 
     tree = cKDTree(second.middles[0])
     largest = float(second.radii.max(initial=0.0))
-    nearest, _ = tree.query(first.middles[0][chosen])
+    if one_body is None:
+        nearest, _ = tree.query(first.middles[0][chosen])
+    else:  # the nearest one is a neighbour
+        nearest = np.full(len(chosen), one_body.sight)
     radii = np.minimum(nearest, reach) + _NEAR * (first.radii[chosen] + largest)
     found = tree.query_ball_point(first.middles[0][chosen], radii)
     lengths = np.array([len(near) for near in found], dtype=np.int64)

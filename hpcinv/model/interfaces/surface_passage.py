@@ -7,19 +7,24 @@ other surface, which move straight, too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.mesh import Body
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
+from hpcinv.model.interfaces.one_body import OneBody
 from hpcinv.model.spaces import Unknowns
 
 _DEEP = 2.0**-6
 """Smallest depth, in lengths of the body, of a node that has passed through. Lowered, steps are cut where surfaces
 press hard; raised, thinner bodies are passed unnoticed."""
+type Rule = Callable[[Ints, Ints], Booleans]
+"""whether nodes of facets may meet other facets"""
 _AT_ONCE = 1 << 20  # pairs of node and triangle, for memory
 
 
@@ -33,11 +38,26 @@ class _Place:
 
 
 class SurfacePassage:
-    """The ways of both surfaces of an interface; methods are collective."""
+    """The ways of both surfaces of an interface; methods are collective.
 
-    def __init__(self, surfaces: tuple[RegionFacets, RegionFacets], body: Body, unknowns: Unknowns) -> None:
+    Args:
+        one_body: surfaces that belong to the same body; its nodes are found again up to a radius of the facets.
+    """
+
+    def __init__(
+        self,
+        surfaces: tuple[RegionFacets, RegionFacets],
+        body: Body,
+        unknowns: Unknowns,
+        one_body: OneBody | None = None,
+    ) -> None:
         self._surfaces, self._body, self._unknowns = surfaces, body, unknowns
         self._comm, self._depth = body.mesh.comm, _DEEP * body.length
+        self._rules: tuple[Rule | None, Rule | None] = (None, None)
+        if one_body is not None:
+            self._depth = min(self._depth, one_body.radius)
+            starts, may_meet = one_body.starts, one_body.may_meet
+            self._rules = (lambda i, j: may_meet(i + starts[0], j), lambda i, j: may_meet(j, i + starts[1]))
         self._start: _Place | None = None
 
     def depart(self) -> None:
@@ -57,7 +77,7 @@ class SurfacePassage:
             return False
         ways = [(start.mine[k].points, here.mine[k].points) for k in (0, 1)]
         facets = [(start.all_facets[k], here.all_facets[k]) for k in (0, 1)]
-        return any(_passes(*ways[k], *facets[1 - k], self._depth) for k in (0, 1))
+        return any(_passes(*ways[k], *facets[1 - k], self._depth, self._rules[k]) for k in (0, 1))
 
     def points(self) -> Floats:
         """Return no points: surfaces are followed from one solve to the next, not within a solve."""
@@ -74,8 +94,9 @@ class SurfacePassage:
         return _Place((first, second), (gathered(first, self._comm), gathered(second, self._comm)), x.copy())
 
 
-def _passes(start: Floats, end: Floats, before: Facets, after: Facets, depth: float) -> bool:
+def _passes(start: Floats, end: Floats, before: Facets, after: Facets, depth: float, rule: Rule | None = None) -> bool:
     """Return whether a node (facets, nodes, 3) gets deeper than a depth through facets that move."""
+    per_facet = start.shape[1]
     start, end = start.reshape(-1, 3), end.reshape(-1, 3)
     old, new = _triangles(before), _triangles(after)
     if not len(old):
@@ -87,7 +108,11 @@ def _passes(start: Floats, end: Floats, before: Facets, after: Facets, depth: fl
     chosen = np.flatnonzero((moved > depth) & near & np.isfinite(end).all(axis=1))
     step = max(_AT_ONCE // len(old), 1)
     parts = (chosen[i : i + step] for i in range(0, len(chosen), step))
-    return any(_crosses(start[part], end[part], old, new, depth) for part in parts)
+    for part in parts:
+        i, j = _crossed(start[part], end[part], old, new, depth)
+        if len(i) and (rule is None or rule(part[i] // per_facet, j % len(before)).any()):
+            return True
+    return False
 
 
 def _triangles(facets: Facets) -> Floats:
@@ -99,8 +124,8 @@ def _triangles(facets: Facets) -> Floats:
     return corners
 
 
-def _crosses(start: Floats, end: Floats, old: Floats, new: Floats, depth: float) -> bool:
-    """Return whether one of the ways leads from the outer side of a triangle through it, deeper than a depth."""
+def _crossed(start: Floats, end: Floats, old: Floats, new: Floats, depth: float) -> tuple[Ints, Ints]:
+    """Return the ways that lead from the outer side of triangles through them, deeper than a depth, and these."""
     outside, inside = _heights(start, old), _heights(end, new)
     i, j = np.nonzero((outside > -depth) & (inside < -depth))
     above = np.maximum(outside[i, j], 0.0)
@@ -109,7 +134,8 @@ def _crosses(start: Floats, end: Floats, old: Floats, new: Floats, depth: float)
     a, b, c = np.moveaxis(old[j] + share[:, None] * (new - old)[j], 1, 0)
     normal = np.cross(b - a, c - a)
     sides = [np.einsum("ni,ni->n", np.cross(q - p, point - p), normal) for p, q in ((a, b), (b, c), (c, a))]
-    return bool(len(i)) and bool((np.min(sides, axis=0) >= 0).any())
+    crosses = np.min(sides, axis=0) >= 0
+    return i[crosses], j[crosses]
 
 
 def _heights(points: Floats, triangles: Floats) -> Floats:
