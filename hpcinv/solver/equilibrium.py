@@ -252,7 +252,7 @@ class Equilibrium:
             system.set_state(accepted)
             numbers.restore(kept_numbers)
             numbers.put(load)
-            system.weak_form.contacts.follow_failure(outcome)
+            system.follow_failure(outcome)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations

@@ -238,6 +238,10 @@ class System:
         """Let friction that the solve finds give way more from now on; return whether it did not before."""
         return self.weak_form.contacts.soften_friction()
 
+    def follow_failure(self, outcome: Outcome) -> None:
+        """Let contacts adapt their penalties after a solve that failed."""
+        self.weak_form.contacts.follow_failure(outcome)
+
     def update_contacts(self) -> bool:
         """Update pressures of contacts, unless they have settled; return whether they had not."""
         return self.weak_form.contacts.update()
