@@ -91,8 +91,8 @@ def faults_of_interfaces(
             yield from (((*place, "closure"), text) for text in faults)
         if interface.known.model_fields_set and not uncertainty:
             yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
-        if interface.friction and uncertainty:
-            yield (*place, "friction"), "is not possible with 'uncertainty: contact', which varies pressures only"
+        if interface.friction and uncertainty and place[0] == "effects":
+            yield (*place, "friction"), "is not possible with 'uncertainty: contact', which varies friction between bodies"
     if uncertainty and not any(interface.closure for _, interface in places):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
 

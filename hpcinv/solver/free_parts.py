@@ -42,6 +42,39 @@ def pins_of(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> li
     return [pins for pins in parts if pins is not None and pins.count]
 
 
+def pins_of_loose_parts(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> list[Pins]:
+    """Return pins for all rigid motions that supports leave free, whatever contact holds; collective."""
+    pairs: Sequence[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.spec.kind != "tied"]
+    count, labels = joined_parts(body, [i for i in job.interfaces if i.kind == "tied"], *parts_of(body))
+    nodes, comm, found = body.given_nodes / body.length_scale, body.mesh.comm, list[Pins]()
+    for label in range(count):
+        named = [surface for pair in pairs for surface in zip(pair.spec.between, pair.surfaces, strict=True)]
+        own = [(name, gathered(_of_part(s, s.at(nodes), labels == label), comm)) for name, s in named]
+        names, facets = [name for name, f in own if len(f)], [f for _, f in own if len(f)]
+        if not facets:
+            continue
+        places = np.concatenate([f.points.reshape(-1, 3) for f in facets])
+        numbers = np.concatenate([f.unknowns.reshape(-1, 3) for f in facets])
+        pins = Pins(names[0], (places, numbers), _held(supports, labels, label, comm), weak_form.unknowns, comm)
+        if pins.count:
+            found.append(pins)
+        else:
+            pins.destroy()
+    return found
+
+
+def _held(supports: Supports, labels: Ints, label: int, comm: MPI.Intracomm) -> tuple[Floats, Floats]:
+    """Return the directions (n, 3) along which supports hold nodes of a part, and their places, on all ranks."""
+    directions, places = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for holder in supports.holders:
+        is_there = node_labels(holder.space, labels)[holder.nodes] == label
+        directions.append(holder.component_of(np.tile(np.eye(3), (len(holder.nodes), 1, 1)))[is_there])
+        places.append(holder.points[is_there])
+    own = np.concatenate(directions), np.concatenate(places)
+    everywhere = [np.concatenate(comm.allgather(part)) for part in own]
+    return everywhere[0], everywhere[1]
+
+
 def _free_parts(body: Body, supports: Supports, count: int, labels: Ints) -> list[int]:
     held = [node_labels(support.space, labels)[support.nodes] for support in supports.holders]
     everywhere = body.mesh.comm.allgather(np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *held])))

@@ -92,11 +92,16 @@ class InterfaceReports:
             friction=friction,
         )
 
-    def with_pressures(self, report: ContactReport, pressures: Floats, scales: Scales) -> ContactReport:
-        """Return a report with other pressures (scaled) of all functions."""
+    def with_tractions(
+        self, report: ContactReport, pressures: Floats, tangential: Floats, scales: Scales
+    ) -> ContactReport:
+        """Return a report with other pressures and tangential tractions (n, 3) of all functions, scaled."""
         pressure, multiplier = report.fields
         given = self.functions.made(multiplier.name, pressures * scales.stress)
-        return replace(report, fields=(pressure, given))
+        friction = report.friction
+        if friction is not None:
+            friction = replace(friction, tractions=self._components("friction", -tangential * scales.stress))
+        return replace(report, fields=(pressure, given), friction=friction)
 
     def multipliers(self, report: ContactReport, scales: Scales, transfer: Transfer) -> Floats:
         """Return the scaled multipliers of a report, pressures or components of tractions; collective."""

@@ -379,11 +379,23 @@ class SurfacePair:
         """Present pressures of all functions, scaled."""
         return self._tractions()[0]
 
-    def unit_forces(self, number: int) -> Floats:
-        """Return the nodal forces (owned unknowns, scaled) of a unit pressure of a function."""
-        unit, forces = np.zeros(len(self._q)), np.zeros(self._owned)
-        unit[number] = 1.0
-        self._add_transposed(unit, forces)
+    @property
+    def tangential(self) -> Floats:
+        """Present tangential tractions (n, 3) of all functions on the second surface, scaled; 0 without friction."""
+        found = [friction.tractions(self._u, self.pressures).vectors for friction in self._frictions]
+        return found[0] if found else np.zeros((len(self._names), 3))
+
+    @property
+    def frame(self) -> tuple[Floats, Floats]:
+        """Places (n, 3), scaled, of the nodes of all functions in the given mesh, and mean normals (n, 3) there."""
+        return self._node_places, self._force_jump.normals
+
+    def forces_of(self, pressures: Floats, tangential: Floats) -> Floats:
+        """Return the nodal forces (owned unknowns, scaled) of tractions of all functions, (n,) and (n, 3)."""
+        forces = np.zeros(self._owned)
+        self._add_transposed(pressures, forces)
+        for friction in self._frictions:
+            friction.add_forces(tangential, forces)
         return forces
 
     def node_gaps(self, *, loaded: bool) -> NodeGaps:
@@ -573,12 +585,17 @@ class SurfacePair:
     @property
     def given_normals(self) -> tuple[Floats, Floats]:
         """Normals of the given mesh (n, 3) where its surfaces face each other, and their places (scaled)."""
+        facing = self._given.areas > 0
+        return self._given.normals[facing], self._node_places[facing]
+
+    @property
+    def _node_places(self) -> Floats:
+        """Places (scaled) of the nodes of all functions in the given mesh, (n, 3)."""
         first = gathered(self._first.at(self._body.given_nodes / self._body.length_scale), self._comm)
         places = np.zeros((len(self._names), 3))
         known = np.isin(first.nodes, self._names)
         places[np.searchsorted(self._names, first.nodes[known])] = first.points[known]
-        facing = self._given.areas > 0
-        return self._given.normals[facing], places[facing]
+        return places
 
     @property
     def pressing_force(self) -> float:

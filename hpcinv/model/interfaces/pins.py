@@ -1,9 +1,9 @@
 """Springs for the rigid motions of a part that contact alone does not hold; no force is left in them.
 
 A plane contact leaves a part free to move along it. The mean rigid motion of outer nodes of the contact in these
-directions is measured, ``c = W u``, and the part gets the forces ``-κ Wᵀ c``. Motions that pressure holds are left out
-of ``W``. Pressure balances the loads of the part, or nothing does: in equilibrium these forces are zero, whatever κ
-is, and ``c = 0`` says where the part is.
+directions is measured, ``c = W u``, and the part gets the forces ``-κ Wᵀ (c - c₀)``. Motions that pressure holds are
+left out of ``W``. Pressure balances the loads of the part, or nothing does: in equilibrium these forces are zero,
+whatever κ is, and ``c = c₀`` says where the part is.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ class Pins:
     Args:
         region: of the part, on an interface, which messages name.
         points: nodes of that region (n, 3), scaled, and the numbers of their unknowns (n, 3), on all ranks.
-        normals: unit normals (m, 3) of contacts at places (m, 3).
+        normals: unit normals (m, 3) of contacts, or other held directions, at places (m, 3).
 
     Attributes:
         count: number of motions that pressure does not hold.
+        places: ``c₀`` (count,), scaled; 0 unless it is set.
         balance: force of the springs in the last solution, by the contact's.
         version: number of the pattern of `stiffness`, which is constant.
     """
@@ -59,6 +60,7 @@ class Pins:
         chosen = _outer(places, self._middle)
         self.count, self._points = free.shape[1], places[chosen]
         modes = self._rigid(self._points).reshape(-1, 6) @ np.hstack([free, held])
+        self.places: Floats = np.zeros(self.count)
         self._rates: Floats = np.asarray(np.linalg.pinv(modes)[: self.count], dtype=np.float64)
         rows = np.repeat(np.arange(self.count), 3 * len(chosen))
         columns = np.tile(numbers[chosen].ravel(), self.count)
@@ -78,12 +80,28 @@ class Pins:
     def add_forces(self, forces: Floats) -> None:
         """Add the forces of the springs to residuals (owned unknowns at first)."""
         self.add_products(self._unknowns.state.x.petsc_vec, forces)
+        forces[: self._owned] -= self.forces_of(self.places)
 
     def add_products(self, x: PETSc.Vec, forces: Floats) -> None:
         """Add the stiffness times a vector of the unknowns to residuals (owned unknowns at first)."""
+        forces[: self._owned] += self.forces_of(self.motion(x))
+
+    def motion(self, x: PETSc.Vec) -> Floats:
+        """Return ``W x`` (count,) of a vector of the unknowns, on all ranks."""
         self._matrix.mult(x, self._left)
+        return np.concatenate(self._comm.allgather(np.array(self._left.array)))
+
+    def forces_of(self, motion: Floats) -> Floats:
+        """Return the forces ``κ Wᵀ c`` (owned unknowns, scaled) of a motion c (count,)."""
+        start, end = self._left.getOwnershipRange()
+        self._left.array[:] = motion[start:end]
         self._matrix.multTranspose(self._left, self._right)
-        forces[: self._owned] += STIFFNESS * self._size * self._right.array
+        forces: Floats = STIFFNESS * self._size * self._right.array
+        return forces
+
+    def along(self, direction: Floats) -> Floats:
+        """Return the motion (count,) that is nearest to a translation along a direction (3,)."""
+        return self._rates @ np.tile(direction, len(self._points))
 
     def stiffness(self, free: PETSc.Vec) -> PETSc.Mat:
         """Return the new matrix of the springs, for 1 of ``free`` unknowns and 0 of others."""
@@ -103,8 +121,7 @@ class Pins:
         Raises:
             MeshError: on all ranks, if pressure does not balance the loads.
         """
-        self._matrix.mult(self._unknowns.state.x.petsc_vec, self._left)
-        motion = np.concatenate(self._comm.allgather(np.array(self._left.array)))
+        motion = self.motion(self._unknowns.state.x.petsc_vec) - self.places
         forces = STIFFNESS * self._size * (self._rates.T @ motion).reshape(-1, 3)
         force = forces.sum(axis=0)
         moment = np.cross(self._points - self._middle, forces).sum(axis=0)

@@ -1,7 +1,7 @@
-"""Quantities of interest between all contact pressures that a given shape admits.
+"""Quantities of interest between all contact tractions that a given shape admits.
 
-A linear program gives the pressures at an end; a solve with these shows the quantity there, and the next program begins
-there, until it has settled (`hpcinv.trust.intervals.pressed_bodies`, `hpcinv.trust.intervals.admissible_pressures`).
+A linear program gives the tractions at an end; a solve with these shows the quantity there, and the next program begins
+there, until it has settled (`hpcinv.trust.intervals.pressed_bodies`, `hpcinv.trust.intervals.admissible_tractions`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.intervals.admissible_pressures import (
-    AdmissiblePressures,
+from hpcinv.trust.intervals.admissible_tractions import (
+    AdmissibleTractions,
     NoPressure,
     UnboundedEnd,
     settled_end,
@@ -30,6 +30,9 @@ _SETTLED = 1e-5
 """Change of a quantity that one more program may promise at an end that has settled, relative to its value or
 distance. Lowered, ends take more solves."""
 _DEPTH = 1e-6  # overlap in lengths of the body that is tolerated there
+_PLANES = 12
+"""Planes that are added to each friction cone during the search for one end. Raised, programs take longer; lowered,
+ends at which tractions turn do not settle."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,18 @@ class ContactIntervals:
         distance: largest distance (m) between two unloaded shapes at ends, a lower bound of what is undetermined.
         overlap: depth (m) to which the unloaded bodies overlap for every pressure, 0 if what is known excludes all;
             ``None`` where some are admissible.
-        count: number of pressures.
+        friction: least factor of the friction coefficients that holds all parts, where the given ones do not; ``inf``
+            if none does.
+        count: number of pressures and tangential tractions.
+        is_locked: whether tractions within the friction cone balance each other, however large.
     """
 
     intervals: tuple[Interval, ...]
     distance: float
     overlap: float | None
+    friction: float | None
     count: int
+    is_locked: bool
 
 
 def contact_intervals(
@@ -79,19 +87,22 @@ def contact_intervals(
     Args:
         detail: called with the name of each quantity when its ends are searched.
     """
-    bodies, overlap = PressedBodies(equations, solution), None
-    found = list[Interval]()
+    bodies, fault, is_locked = PressedBodies(equations, solution), NoPressure(0.0), False
+    found, is_empty = list[Interval](), False
     try:
         ends = _Ends(bodies, equations)
         for name in reversed(bodies.units):  # force and gap first, whose ends are where others begin
             detail(name)
             found.insert(0, ends.interval(name))
+        if any(end is None for interval in found for end in (interval.low, interval.high)):
+            is_locked = bodies.at_start.near.is_locked
     except NoPressure as reason:
-        overlap = -reason.gap * equations.scales.length
+        fault, is_empty = reason, True
     finally:
         bodies.destroy()
         equations.put(solution)
-    return ContactIntervals(tuple(found), ends.distance, overlap, len(bodies.start))
+    overlap = -fault.gap * equations.scales.length if is_empty else None
+    return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, bodies.count, is_locked)
 
 
 class _Ends:
@@ -101,6 +112,7 @@ class _Ends:
         self._bodies, self._comm = bodies, equations.body.mesh.comm
         self._depth = _DEPTH * equations.body.length
         self._shapes, self._solved_bodies = list[Floats](), [bodies.at_start]
+        self._directions = [list[Floats]() for _ in bodies.at_start.near.cones]
 
     @property
     def distance(self) -> float:
@@ -122,6 +134,8 @@ class _Ends:
         )
         tolerance = _SETTLED * max(abs(first), self._promised(name), 1e-300)
         for sign in (-1.0, 1.0):
+            for further in self._directions:
+                further.clear()
             solve, choose = partial(self._solved, name), partial(self._chosen, sign)
             try:
                 end = settled_end(solve, choose, self._best(name, sign), tolerance, self._depth)
@@ -135,12 +149,12 @@ class _Ends:
         return Interval(name, first, ends[0], ends[1], bodies.units[name], settled, solves)
 
     def _best(self, name: str, sign: float) -> Floats:
-        """Return the pressures with the largest or smallest quantity of all that were solved for.
+        """Return the numbers with the largest or smallest quantity of all that were solved for.
 
         Ends are local ones: an energy has its largest value in a corner far from where it is least.
         """
         admissible = [b for b in self._solved_bodies if b.near.depth <= self._depth] or self._solved_bodies[:1]
-        return max(admissible, key=lambda body: sign * body.values[name]).near.pressures
+        return max(admissible, key=lambda body: sign * body.values[name]).near.values
 
     def _promised(self, name: str) -> float:
         """Return the largest change of a quantity that the first programs promise."""
@@ -153,24 +167,27 @@ class _Ends:
             largest = max(largest, abs(float(start.slopes[name] @ change)))
         return largest
 
-    def _solved(self, name: str, pressures: Floats) -> tuple[float, AdmissiblePressures, Floats]:
-        solved = next((body for body in self._solved_bodies if body.near.pressures is pressures), None)
+    def _solved(self, name: str, values: Floats) -> tuple[float, AdmissibleTractions, Floats]:
+        solved = next((body for body in self._solved_bodies if body.near.values is values), None)
         if solved is None:
-            solved = self._bodies.solved(pressures)
+            solved = self._bodies.solved(values)
             self._solved_bodies.append(solved)
         self._last_shape = solved.shape
         return solved.values[name], solved.near, solved.slopes[name]
 
-    def _chosen(self, sign: float, near: AdmissiblePressures, slopes: Floats, reach: float) -> Floats:
-        """Return the pressures at an end, found on one rank: others might choose other pressures for the same end."""
+    def _chosen(self, sign: float, near: AdmissibleTractions, slopes: Floats, reach: float) -> Floats:
+        """Return the numbers at an end, found on one rank: others might choose other numbers for the same end."""
         found: Any = None
+        for cone, further in zip(near.cones, self._directions, strict=True):
+            further.append(cone.directions(near.values))
+            del further[:-_PLANES]
         if self._comm.rank == 0:
             try:
-                found = near.end(slopes, sign, reach)
+                found = near.end(slopes, sign, reach, self._directions)
             except (UnboundedEnd, NoPressure) as reason:
                 found = reason
         found = self._comm.bcast(found)
         if isinstance(found, Exception):
             raise found
-        pressures: Floats = found
-        return pressures
+        values: Floats = found
+        return values

@@ -1,9 +1,10 @@
-"""Solves of a given shape with given contact pressures, and what small changes of these do.
+"""Solves of a given shape with given contact tractions, and what small changes of these do.
 
-On the given shape the pressures p load both bodies through constant matrices. At a solution the displacement changes by
-``K dw = F dp``, the gaps of the unloaded bodies by ``-B dw``, and each quantity by its slope along dw.
+On the given shape the tractions z load both bodies through constant matrices. At a solution the displacement changes by
+``K dw = F dz``, the gaps of the unloaded bodies by ``-B dw``, and each quantity by its slope along dw. Parts that
+contact alone holds have springs along their free motions; z also has the places ``c₀`` of these springs along which
+such a part can be lifted off. Admissible tractions leave no force in the springs (`hpcinv.model.interfaces.pins`).
 """
-
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,13 +20,17 @@ from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.pair import SurfacePair
+from hpcinv.model.interfaces.pins import Pins
 from hpcinv.results.point_fields import PointFields
 from hpcinv.results.quantities_of_interest import check_points, evaluate, fields_for, values_of
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.trust.intervals.admissible_pressures import AdmissiblePressures
+from hpcinv.solver.free_parts import pins_of_loose_parts
+from hpcinv.trust.intervals.admissible_tractions import AdmissibleTractions
+from hpcinv.trust.intervals.lifts import Lifts
 from hpcinv.trust.intervals.position_slopes import is_of_positions, position_slopes
+from hpcinv.trust.intervals.varied_tractions import VariedTractions
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.trust.sensitivity.slopes import Change, slopes
 
@@ -34,26 +39,27 @@ _ACCURACY = 1e-10  # of solves with given pressures
 
 @dataclass(frozen=True)
 class Pressed:
-    """A solve with given pressures.
+    """A solve with given tractions.
 
     Attributes:
-        values, slopes: of the quantities (SI), and their derivatives (n,) by the pressures (scaled).
-        near: pressures that are admissible near these.
+        values, slopes: of the quantities (SI), and their derivatives (n,) by the numbers (scaled).
+        near: numbers that are admissible near these.
         shape: local geometry nodes (m) of the unloaded bodies.
     """
 
     values: Mapping[str, float]
     slopes: Mapping[str, Floats]
-    near: AdmissiblePressures
+    near: AdmissibleTractions
     shape: Floats
 
 
 class PressedBodies:
-    """Solves of the given shape with given contact pressures. Methods are collective.
+    """Solves of the given shape with given contact tractions. Methods are collective.
 
     Attributes:
         units: SI units by the names of the job's quantities, and of force and mean rest gap of each interface.
-        start: pressures (scaled) of the solution.
+        count: number of pressures and tangential tractions.
+        start: numbers (scaled) of the solution: tractions of each interface, and places of free parts.
     """
 
     def __init__(self, equations: Equations, solution: Solution) -> None:
@@ -69,11 +75,19 @@ class PressedBodies:
         self._places = check_points(self._quantities, self._body)
         weak_form = equations.weak_form("inverse")
         equations.put(solution)
-        self._pairs: list[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
-        self.start: Floats = np.concatenate([pair.pressures[pair.pressing] for pair in self._pairs])
+        self._varied = _varied([pair for pair in weak_form.contacts.pairs if pair.assumes_pressure])
+        starts = [own.present() for own in self._varied]
+        self.count = sum(own.count for own in self._varied)
+        own_form = self._equations.weak_form("inverse")
+        pins = pins_of_loose_parts(self._job, self._body, equations.supports, own_form)
+        own_form.contacts.pins = tuple(pins)
+        self._lifts = Lifts(pins, [own.pair for own in self._varied])
+        equations.put(solution)
+        self.start: Floats = np.concatenate([*starts, self._lifts.begin(pins, equations.unknowns)])
         self.units = {q.name: self._unit(q) for q in self._quantities}
-        for pair in self._pairs:
-            self.units |= {f"force on {pair.spec.between[0]}": "N", f"mean rest gap at {pair.spec.between[0]}": "m"}
+        for own in self._varied:
+            name = own.pair.spec.between[0]
+            self.units |= {f"force on {name}": "N", f"mean rest gap at {name}": "m"}
 
     def _unit(self, quantity: QuantityOfInterest) -> str:
         """Return the SI unit of a quantity; an integral is over the cells of its region, if it has some."""
@@ -88,25 +102,26 @@ class PressedBodies:
 
     @cached_property
     def at_start(self) -> Pressed:
-        """The solve with the pressures of the solution."""
+        """The solve with the numbers of the solution."""
         return self.solved(self.start)
 
-    def solved(self, pressures: Floats) -> Pressed:
-        """Solve with some pressures (scaled).
+    def solved(self, values: Floats) -> Pressed:
+        """Solve with some numbers (scaled).
 
         Raises:
             SolveError: on all ranks, if that does not converge, or the tangent is singular.
         """
         equations = self._equations
-        contacts = tuple(self._reports(pressures))
+        contacts = tuple(self._reports(values))
         equations.put(replace(self._solution, job=self._job, contacts=contacts))
         equations.put_fields(self._fields)
+        self._lifts.put(values, equations.weak_form("inverse").contacts.pins)
         equilibrium = equations.equilibrium(equations.weak_form("inverse"))
         solve = equilibrium.solve(1.0, _ACCURACY, begins_near=True)
         if not solve.outcome.accepted:
             equations.release(equilibrium)
             raise SolveError(
-                f"with other contact pressures the solve ended: {solve.outcome.text}", solve.outcome.advice
+                f"with other contact tractions the solve ended: {solve.outcome.text}", solve.outcome.advice
             )
         state = equations.state()
         u = equations.unknowns.geometry_values(state.displacement)
@@ -119,22 +134,22 @@ class PressedBodies:
             contacts=contacts,
         )
         self._fields = solution.fields
-        near, changes = self._linearised(equilibrium, solution, pressures)
+        near, changes = self._linearised(equilibrium, solution, values)
         equations.release(equilibrium)
         if self._point_fields is None:
             self._point_fields = fields_for(self._quantities, self._body, equations.weak_form("inverse"), self._scales)
         equations.put(solution)
-        values = values_of(self._quantities, self._body, solution, self._point_fields, self._places)
+        found = values_of(self._quantities, self._body, solution, self._point_fields, self._places)
         own_values, own_slopes = self._of_interfaces(near)
         return Pressed(
-            {q.name: float(values[q.name]) for q in self._quantities} | own_values,  # type: ignore[arg-type]
+            {q.name: float(found[q.name]) for q in self._quantities} | own_values,  # type: ignore[arg-type]
             self._slopes(solution, changes) | own_slopes,
             near,
             solution.other_nodes,
         )
 
     def _slopes(self, solution: Solution, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, Floats]:
-        """Return the slopes of the quantities by the pressures."""
+        """Return the slopes of the quantities by the numbers."""
         found, rates = dict[str, Floats](), [(change.displacement, change.u) for _, change in changes]
         for quantity in filter(is_of_positions, self._quantities):
             found[quantity.name] = position_slopes(quantity, self._body, solution, rates)
@@ -144,57 +159,52 @@ class PressedBodies:
                 found[name] = np.array([by_key[parameter.key] for parameter, _ in changes], dtype=np.float64)
         return found
 
-    def _of_interfaces(self, near: AdmissiblePressures) -> tuple[dict[str, float], dict[str, Floats]]:
-        """Return force (N) and mean rest gap (m) of each interface, and their slopes by the pressures."""
-        values, by_pressure, first, first_gap = dict[str, float](), dict[str, Floats](), 0, 0
+    def _of_interfaces(self, near: AdmissibleTractions) -> tuple[dict[str, float], dict[str, Floats]]:
+        """Return force (N) and mean rest gap (m) of each interface, and their slopes by the numbers."""
+        values, by_number, first_gap = dict[str, float](), dict[str, Floats](), 0
         force = self._scales.stress * self._scales.length**2
-        for pair, count in zip(self._pairs, self._gap_counts, strict=True):
-            name, areas = pair.spec.between[0], np.zeros(len(near.pressures))
-            areas[first : first + len(pair.pressing)] = pair.areas[pair.pressing] * force
-            values[f"force on {name}"], by_pressure[f"force on {name}"] = float(areas @ near.pressures), areas
+        for own, count in zip(self._varied, self._gap_counts, strict=True):
+            name, areas = own.pair.spec.between[0], np.zeros(len(near.values))
+            areas[own.numbers] = own.areas * force
+            values[f"force on {name}"], by_number[f"force on {name}"] = float(areas @ near.values), areas
             rows = slice(first_gap, first_gap + count)
             name, length = f"mean rest gap at {name}", self._scales.length
             values[name] = float(near.gaps[rows].mean()) * length
-            by_pressure[name] = near.compliance[rows].mean(axis=0) * length
-            first, first_gap = first + len(pair.pressing), first_gap + count
-        return values, by_pressure
+            by_number[name] = near.compliance[rows].mean(axis=0) * length
+            first_gap += count
+        return values, by_number
 
-    def _reports(self, pressures: Floats) -> Iterator[ContactReport]:
-        by_place = {pair.where: pair for pair in self._pairs}
-        starts = dict(zip(by_place, np.cumsum([0, *(len(pair.pressing) for pair in self._pairs)]), strict=False))
+    def _reports(self, values: Floats) -> Iterator[ContactReport]:
+        varied = {own.pair.where: own for own in self._varied}
         for report in self._solution.contacts:
-            if report.where not in by_place:
+            if (own := varied.get(report.where)) is None:
                 yield report
                 continue
-            pair = by_place[report.where]
-            whole = np.zeros(len(pair.areas))
-            start = starts[report.where]
-            whole[pair.pressing] = pressures[start : start + len(pair.pressing)]
-            yield pair.reports.with_pressures(report, whole, self._scales)
+            yield own.pair.reports.with_tractions(report, *own.whole(values[own.numbers]), self._scales)
 
     def _linearised(
-        self, equilibrium: Equilibrium, solution: Solution, pressures: Floats
-    ) -> tuple[AdmissiblePressures, list[tuple[Parameter, Change]]]:
+        self, equilibrium: Equilibrium, solution: Solution, values: Floats
+    ) -> tuple[AdmissibleTractions, list[tuple[Parameter, Change]]]:
         equations, system = self._equations, equilibrium.system
         system.set_load(1.0)
         numbers = FollowedNumbers(equations, solution, equilibrium)
         position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
-        pairs = [pair for pair in system.weak_form.contacts.pairs if pair.assumes_pressure]
-        measured = [pair.node_gaps(loaded=False) for pair in pairs]
+        contacts = system.weak_form.contacts
+        measured = [pair.node_gaps(loaded=False) for pair in contacts.pairs if pair.assumes_pressure]
         unchanged = system.weak_form.parameters.direction({})
-        columns, changes = list[Floats](), list[tuple[Parameter, Change]]()
-        for pair, own in zip(pairs, self._pairs, strict=True):
-            for number in own.pressing:
-                b.array[:] = pair.unit_forces(int(number))
-                equations.supports.free(b.array)
-                found = numbers.solve(b, np.zeros(numbers.count), x)
-                columns.append(-np.concatenate([gaps.rates(x) for gaps in measured]))
-                system.set_state(x)
-                u, p = equations.state().fields
-                system.set_state(position)
-                key = f"{pair.where} {number}"
-                parameter = Parameter(key, pair.where, None, (), 0.0, None)
-                changes.append((parameter, Change(unchanged, u, equations.unknowns.geometry_values(u), p, None, found)))
+        columns, motions, changes = list[Floats](), list[Floats](), list[tuple[Parameter, Change]]()
+        for number, forces in enumerate(self._unit_forces(contacts.pins)):
+            b.array[:] = forces
+            equations.supports.free(b.array)
+            found = numbers.solve(b, np.zeros(numbers.count), x)
+            columns.append(-np.concatenate([gaps.rates(x) for gaps in measured]))
+            motions.append(np.concatenate([np.zeros(0), *(pin.motion(x) for pin in contacts.pins)]))
+            system.set_state(x)
+            u, p = equations.state().fields
+            system.set_state(position)
+            parameter = Parameter(str(number), "interfaces", None, (), 0.0, None)
+            changes.append((parameter, Change(unchanged, u, equations.unknowns.geometry_values(u), p, None, found)))
+        left = [pin.motion(position) - pin.places for pin in contacts.pins]
         numbers.destroy()
         for vector in (position, b, x):
             vector.destroy()
@@ -202,23 +212,54 @@ class PressedBodies:
         for gaps in measured:
             gaps.destroy()
         self._gap_counts = [len(gaps) for gaps in found_gaps]
-        return self._admissible(pressures, found_gaps, np.array(columns).T), changes
+        compliance, unbalanced = np.array(columns).T, None
+        if left:
+            unbalanced = np.concatenate(left), np.array(motions).T - self._lifts.place_rates(len(values))
+        return self._admissible(values, found_gaps, compliance, unbalanced), changes
 
-    def _admissible(self, pressures: Floats, gaps: Sequence[Floats], compliance: Floats) -> AdmissiblePressures:
-        scales, numbers = self._scales, [len(pair.pressing) for pair in self._pairs]
-        unit, ends = scales.stress * scales.length**2, np.cumsum(numbers)
+    def _unit_forces(self, pins: Sequence[Pins]) -> Iterator[Floats]:
+        """Yield the nodal forces (owned unknowns, scaled) of a unit of each number."""
+        for own in self._varied:
+            yield from (own.unit_forces(number) for number in range(own.count))
+        yield from self._lifts.unit_forces(pins)
+
+    def _admissible(
+        self,
+        values: Floats,
+        gaps: Sequence[Floats],
+        compliance: Floats,
+        unbalanced: tuple[Floats, Floats] | None,
+    ) -> AdmissibleTractions:
+        scales, no_bounds = self._scales, np.full(self._lifts.count, np.inf)
+        unit = scales.stress * scales.length**2
         greatest, widest, forces = list[Floats](), list[Floats](), list[tuple[Floats, float, float]]()
-        for pair, own, end in zip(self._pairs, gaps, ends, strict=True):
-            known, count = pair.spec.known, len(pair.pressing)
+        for varied, own in zip(self._varied, gaps, strict=True):
+            known = varied.pair.spec.known
             pressure, gap = known.greatest_pressure, known.greatest_rest_gap
-            greatest.append(np.full(count, np.inf if pressure is None else pressure / scales.stress))
+            greatest.append(varied.greatest(None if pressure is None else pressure / scales.stress))
             widest.append(np.full(len(own), np.inf if gap is None else gap / scales.length))
             if known.force is not None:
-                areas = np.zeros(len(pressures))
-                areas[end - count : end] = pair.areas[pair.pressing]
+                areas = np.zeros(len(values))
+                areas[varied.numbers] = varied.areas
                 forces.append((areas, known.force[0] / unit, known.force[1] / unit))
-        bounds = np.concatenate(greatest), np.concatenate(widest)
-        return AdmissiblePressures(pressures, np.concatenate(gaps), compliance, *bounds, forces)
+        return AdmissibleTractions(
+            values,
+            np.concatenate(gaps),
+            compliance,
+            np.concatenate([*greatest, no_bounds]),
+            np.concatenate(widest),
+            forces,
+            np.concatenate([*(own.lowest for own in self._varied), -no_bounds]),
+            [cone for own in self._varied for cone in own.cones()],
+            unbalanced,
+        )
+
+
+def _varied(pairs: Sequence[SurfacePair]) -> list[VariedTractions]:
+    found = list[VariedTractions]()
+    for pair in pairs:
+        found.append(VariedTractions(pair, sum(own.count for own in found)))
+    return found
 
 
 def _with_given_pressures(job: Job) -> Job:

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hpcinv.trust.intervals.admissible_pressures import (
-    AdmissiblePressures,
+from hpcinv.trust.intervals.admissible_tractions import (
+    AdmissibleTractions,
     NoPressure,
     UnboundedEnd,
     settled_end,
@@ -20,13 +20,13 @@ def near(
     greatest: float = np.inf,
     widest: float = np.inf,
     force: tuple[float, float] | None = None,
-) -> AdmissiblePressures:
+) -> AdmissibleTractions:
     forces = [] if force is None else [(np.array([1.0, 3.0]), *force)]
     bounds = np.full(len(pressures), greatest), np.full(len(gaps), widest)
-    return AdmissiblePressures(np.array(pressures), np.array(gaps), compliance, *bounds, forces)
+    return AdmissibleTractions(np.array(pressures), np.array(gaps), compliance, *bounds, forces)
 
 
-def bar(gap: float = 0.5, **known: Any) -> AdmissiblePressures:
+def bar(gap: float = 0.5, **known: Any) -> AdmissibleTractions:
     """Two springs of compliance 1 and 2 that press on each other without coupling; without pressure they are apart."""
     return near([0.0, 0.0], [gap, gap], -np.diag([1.0, 2.0]), **known)
 
@@ -79,7 +79,7 @@ def test_quantity_without_bound_is_said_to_have_none() -> None:
 def test_end_of_a_curved_quantity_settles_where_the_bodies_touch() -> None:
     """One spring whose gap is ``0.5 - p - p²/2``: it closes at √2 - 1; the quantity is p³ + p."""
 
-    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+    def solve(p: np.ndarray) -> tuple[float, AdmissibleTractions, np.ndarray]:
         here = near(p.tolist(), (0.5 - p - p**2 / 2).tolist(), -np.diag(1 + p))
         return float(p[0] ** 3 + p[0]), here, 3 * p**2 + 1
 
@@ -99,7 +99,7 @@ def test_end_of_a_curved_quantity_settles_where_the_bodies_touch() -> None:
 def test_end_settles_where_programs_alternate_between_corners() -> None:
     """The quantity is largest within what is admissible, and each program alone would jump to a corner."""
 
-    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+    def solve(p: np.ndarray) -> tuple[float, AdmissibleTractions, np.ndarray]:
         here = near(p.tolist(), [1.0], np.zeros((1, 1)), greatest=3.0)
         return -float((p[0] - 1.2) ** 2), here, -2 * (p - 1.2)
 
@@ -112,7 +112,7 @@ def test_end_settles_where_programs_alternate_between_corners() -> None:
 
 
 def test_bodies_that_overlap_at_an_end_have_not_settled() -> None:
-    def solve(p: np.ndarray) -> tuple[float, AdmissiblePressures, np.ndarray]:
+    def solve(p: np.ndarray) -> tuple[float, AdmissibleTractions, np.ndarray]:
         return 0.0, near(p.tolist(), [-0.1], np.zeros((1, 1)), greatest=1.0), np.zeros(1)
 
     _, _, has_settled = settled_end(solve, lambda *_: np.zeros(1), np.zeros(1), 1e-3, 1e-9)
