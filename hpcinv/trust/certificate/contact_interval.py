@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import SolveError
+from hpcinv.job.interfaces import Interface
 from hpcinv.on_demand import on_demand
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic
 
 INTERVAL = topic(
     "interval of '…' over all contact pressures that the shape admits",
-    "A given shape does not determine the pressure between its bodies: the quantity may lie anywhere in this interval.",
+    "A given shape does not determine the pressure between its bodies, nor friction within its cone: the quantity may lie"
+    " anywhere in this interval.",
     "Say what is 'known' of the contact, or measure a state of the bodies without it.",
     computed="linear programs, confirmed by solves ([intervals](../how-to/interfaces.md#what-a-shape-leaves-open))",
     thresholds="never; not decided where an end does not exist or settle",
-    costs="for each end some factorizations, with a substitution for each pressure",
+    costs="for each end some factorizations, with a substitution for each pressure, with friction three",
 )
 ADMISSIBLE = topic(
     "contact pressures that the shape admits",
@@ -26,6 +28,9 @@ ADMISSIBLE = topic(
     computed="linear program for the widest of all smallest gaps",
     thresholds="where there is none; never",
 )
+_KNOWN = "a 'known' greatest_pressure, or a force, would bound it"
+_LOCKED = f"; friction locks the bodies: within the cone, tractions of any size balance each other; {_KNOWN}"
+_UNBOUNDED = f"; {_KNOWN}, unless it is the place of a free part"
 
 
 class ContactIntervalCheck(Check):
@@ -44,25 +49,38 @@ class ContactIntervalCheck(Check):
             note = f"a body is held by contact alone, or a solve failed: {reason.message}"
             yield Line(ADMISSIBLE, None, "", "ends must exist", Verdict.UNDECIDED, note)
             return
-        if found.overlap == 0.0:
+        if found.friction is not None:
+            yield _unbalanced(found.friction, run.solution.job.interfaces)
+        elif found.overlap == 0.0:
             note = "what is 'known' excludes all pressures of bodies that do not overlap"
             yield Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
         elif found.overlap is not None:
             note = f"no unloaded bodies exist that do not overlap: by at least {readable(found.overlap, 'm')}"
             yield Line(ADMISSIBLE, found.overlap, "m", "warning if there is none", Verdict.WARN, note)
-        yield from (_line(interval, found.count) for interval in found.intervals)
+        yield from (_line(interval, found.count, found.is_locked) for interval in found.intervals)
         if found.intervals:
             note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
             about = INTERVAL.placed("shape")
             yield Line(about, found.distance, "m", "distance; no threshold", Verdict.PASS, note)
 
 
-def _line(found: Any, count: int) -> Line:
+def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
+    """Return the line of parts that tractions within the friction cones, or pressures alone, do not balance."""
+    least = ", ".join(f"{factor * i.friction:.3g} on '{i.between[0]}'" for i in interfaces if i.friction)
+    note = f"they balance free parts with a friction of at least {least}" if least else ""
+    if not least or factor == float("inf"):
+        note = "none balance the loads of the parts that contact alone holds"
+    return Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
+
+
+def _line(found: Any, count: int, is_locked: bool) -> Line:
     """Return the line of an `hpcinv.trust.intervals.contact_interval.Interval`."""
     width = None if found.low is None or found.high is None else found.high - found.low
     zero = 1e-9 * (width or 0.0)  # rounding errors
     ends = [_end(end, found.unit, zero) for end in (found.low, found.high)]
-    note = f"{ends[0]} to {ends[1]}, over {count} pressures in {found.solves} solves"
+    note = f"{ends[0]} to {ends[1]}, over {count} tractions in {found.solves} solves"
+    if width is None:
+        note += _LOCKED if is_locked else _UNBOUNDED
     note += "" if found.has_settled else "; an end has not settled"
     verdict = Verdict.PASS if width is not None and found.has_settled else Verdict.UNDECIDED
     data = {"of": found.name, "low": found.low, "high": found.high, "unit": found.unit}

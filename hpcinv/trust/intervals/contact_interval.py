@@ -24,7 +24,7 @@ from hpcinv.trust.intervals.admissible_tractions import (
     UnboundedEnd,
     settled_end,
 )
-from hpcinv.trust.intervals.pressed_bodies import PressedBodies
+from hpcinv.trust.intervals.pressed_bodies import Pressed, PressedBodies
 
 _SETTLED = 1e-5
 """Change of a quantity that one more program may promise at an end that has settled, relative to its value or
@@ -142,7 +142,7 @@ class _Ends:
             except UnboundedEnd:
                 ends.append(None)
                 continue
-            ends.append(end[0])
+            ends.append(self._farthest(name, sign, end[0]))
             settled &= end[2]
             self._shapes.append(self._last_shape)
         solves = len(self._solved_bodies) - before
@@ -153,8 +153,16 @@ class _Ends:
 
         Ends are local ones: an energy has its largest value in a corner far from where it is least.
         """
-        admissible = [b for b in self._solved_bodies if b.near.depth <= self._depth] or self._solved_bodies[:1]
-        return max(admissible, key=lambda body: sign * body.values[name]).near.values
+        bodies = self._admissible or self._solved_bodies[:1]
+        return max(bodies, key=lambda body: sign * body.values[name]).near.values
+
+    @property
+    def _admissible(self) -> list[Pressed]:
+        return [body for body in self._solved_bodies if body.near.depth <= self._depth]
+
+    def _farthest(self, name: str, sign: float, end: float) -> float:
+        """Return an end, or the value of an admissible body beyond it: an end that has not settled may lie inside."""
+        return sign * max([sign * end, *(sign * body.values[name] for body in self._admissible)])
 
     def _promised(self, name: str) -> float:
         """Return the largest change of a quantity that the first programs promise."""

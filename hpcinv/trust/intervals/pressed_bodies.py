@@ -87,7 +87,9 @@ class PressedBodies:
         self.units = {q.name: self._unit(q) for q in self._quantities}
         for own in self._varied:
             name = own.pair.spec.between[0]
-            self.units |= {f"force on {name}": "N", f"mean rest gap at {name}": "m"}
+            self.units[f"force on {name}"] = "N"
+            if not self._lifts.count:  # free parts can be lifted off
+                self.units[f"mean rest gap at {name}"] = "m"
 
     def _unit(self, quantity: QuantityOfInterest) -> str:
         """Return the SI unit of a quantity; an integral is over the cells of its region, if it has some."""
