@@ -92,7 +92,7 @@ def faults_of_interfaces(
         if interface.known.model_fields_set and not uncertainty:
             yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
         if interface.friction and uncertainty and place[0] == "effects":
-            yield (*place, "friction"), "is not possible with 'uncertainty: contact', which varies friction between bodies"
+            yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"
     if uncertainty and not any(interface.closure for _, interface in places):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
 

@@ -14,8 +14,8 @@ from hpcinv.trust.certificate.check import Line, Verdict, topic
 
 INTERVAL = topic(
     "interval of '…' over all contact pressures that the shape admits",
-    "A given shape does not determine the pressure between its bodies, nor friction within its cone: the quantity may lie"
-    " anywhere in this interval.",
+    "A given shape does not determine the pressure between its bodies, nor friction within its cone. The quantity may"
+    " lie anywhere in this interval.",
     "Say what is 'known' of the contact, or measure a state of the bodies without it.",
     computed="linear programs, confirmed by solves ([intervals](../how-to/interfaces.md#what-a-shape-leaves-open))",
     thresholds="never; not decided where an end does not exist or settle",

@@ -16,7 +16,7 @@ from hpcinv.model.interfaces.pins import Pins
 from hpcinv.model.spaces import Unknowns
 
 _WAYS = 1e-3
-"""Size of a lift among free motions below which it is left out: supports hold it. Raised, oblique lifts are left out."""
+"""Size of a lift among free motions below which supports hold it: it is left out. Raised, oblique lifts are, too."""
 
 
 class Lifts:

@@ -5,6 +5,7 @@ On the given shape the tractions z load both bodies through constant matrices. A
 contact alone holds have springs along their free motions; z also has the places ``c₀`` of these springs along which
 such a part can be lifted off. Admissible tractions leave no force in the springs (`hpcinv.model.interfaces.pins`).
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Tractions of one interface that vary within what a given shape admits: pressures, and with friction tangential ones."""
+"""Tractions of one interface that vary within what a given shape admits: pressures, and tangential ones of friction."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class VariedTractions:
 
     @property
     def numbers(self) -> slice:
-        """Place of the numbers among those of all interfaces."""
+        """Place of the numbers among the ones of all interfaces."""
         return slice(self.first, self.first + self.count)
 
     def present(self) -> Floats:
