@@ -45,6 +45,8 @@ def pins_of(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> li
 def pins_of_loose_parts(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> list[Pins]:
     """Return pins for all rigid motions that supports leave free, whatever contact holds; collective."""
     pairs: Sequence[SurfacePair] = [pair for pair in weak_form.contacts.pairs if pair.spec.kind != "tied"]
+    if any(effect.holds for effect in job.effects):
+        return []
     count, labels = joined_parts(body, [i for i in job.interfaces if i.kind == "tied"], *parts_of(body))
     nodes, comm, found = body.given_nodes / body.length_scale, body.mesh.comm, list[Pins]()
     for label in range(count):

@@ -11,6 +11,7 @@ from hpcinv.trust.intervals.admissible_tractions import (
     UnboundedEnd,
     settled_end,
 )
+from hpcinv.trust.intervals.friction_cones import FrictionCones
 
 
 def near(
@@ -50,7 +51,7 @@ def test_gaps_at_a_solution_with_pressures_are_those_there() -> None:
         ({"force": (0.6, 0.6)}, [0.0, 0.2]),
     ],
 )
-def test_what_is_known_narrows_the_interval(known: dict[str, object], expected: list[float]) -> None:
+def test_what_is_known_narrows_the_interval(known: dict[str, Any], expected: list[float]) -> None:
     assert bar(**known).end(np.array([1.0, 100.0]), 1.0) == pytest.approx(expected)
 
 
@@ -117,3 +118,34 @@ def test_bodies_that_overlap_at_an_end_have_not_settled() -> None:
 
     _, _, has_settled = settled_end(solve, lambda *_: np.zeros(1), np.zeros(1), 1e-3, 1e-9)
     assert not has_settled
+
+
+def wedge(tangent: float, friction: float) -> AdmissibleTractions:
+    """A weight of 1 on a wedge whose side has one pressure p and tractions t: ``p tan + t = 1`` per cosine."""
+    cone = FrictionCones(friction, np.array([0]), np.array([[1, 2]]))
+    balance = np.array([-1.0]), np.array([[tangent, 1.0, 0.0]])
+    free = np.full(3, np.inf)
+    lowest = np.array([0.0, -np.inf, -np.inf])
+    return AdmissibleTractions(
+        np.zeros(3), np.zeros(1), np.zeros((1, 3)), free, np.full(1, np.inf), (), lowest, [cone], balance
+    )
+
+
+def test_balance_and_friction_bound_the_pressure_of_a_wedge() -> None:
+    force = np.array([1.0, 0.0, 0.0])
+    assert wedge(0.5, 0.2).end(force, -1.0)[0] == pytest.approx(1 / 0.7)
+    assert wedge(0.5, 0.2).end(force, 1.0)[0] == pytest.approx(1 / 0.3)
+    assert not wedge(0.5, 0.2).is_locked
+
+
+def test_a_wedge_locks_where_friction_exceeds_its_slope() -> None:
+    with pytest.raises(UnboundedEnd):
+        wedge(0.2, 0.3).end(np.array([1.0, 0.0, 0.0]), 1.0)
+    assert wedge(0.2, 0.3).is_locked
+
+
+def test_too_little_friction_is_said_with_what_would_do() -> None:
+    """A side that overhangs: friction alone carries the weight."""
+    with pytest.raises(NoPressure) as raised:
+        wedge(-0.5, 0.25).end(np.array([1.0, 0.0, 0.0]), 1.0)
+    assert raised.value.friction == pytest.approx(2.0, rel=2e-3)
