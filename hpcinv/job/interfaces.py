@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo
 from hpcinv.base.quantity import Length
 from hpcinv.base.quantity.schema import Faults, KeyPath, Spec
 from hpcinv.physics.effects import Effect
-from hpcinv.physics.effects.closures import GAP_CLOSURES, MOST_FRICTION, Closure, Known
+from hpcinv.physics.effects.closures import GAP_CLOSURES, Closure, Known, contradicting_closure
 from hpcinv.physics.effects.contact import Contact
 
 OBSTACLE = "obstacle"
@@ -46,18 +46,9 @@ class Interface(Spec):
             yield ("between",), "names one region twice: name the two surfaces that face each other"
         if self.friction and self.kind != "contact":
             yield ("friction",), f"is not valid with 'kind: {self.kind}': give it to 'kind: contact'"
-        if not 0 <= self.friction <= MOST_FRICTION:
-            yield ("friction",), f"must be from 0 to {MOST_FRICTION:g}"
         if self.closure is not None and self.kind != "contact":
             yield ("closure",), f"is not valid with 'kind: {self.kind}', whose pressure the shape determines"
-        if self.touches_within is not None and self.closure is None:
-            yield ("touches_within",), "is not valid without a 'closure'"
-        if self.touches_within is not None and self.touches_within <= 0:
-            yield ("touches_within",), "must be positive"
-        if self.closure is None and self.known.model_fields_set:
-            yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
-        if (self.closure == "gap") != (self.rest_gap is not None):
-            yield ("rest_gap",), "must be given with 'closure: gap', and only then"
+        yield from contradicting_closure(self)
 
     @property
     def assumes_gap(self) -> bool:
@@ -121,6 +112,6 @@ def _fault_of_friction(interface: Interface) -> Iterator[str]:
 
 def interface_of(contact: Contact) -> Interface:
     """Return the interface whose second surface is the rigid obstacle of a contact with friction or a closure."""
-    names = ("friction", "closure", "rest_gap", "touches_within", "known")
-    numbers: dict[str, Any] = {name: getattr(contact, name) for name in names}
+    common = Interface.model_fields.keys() & Contact.model_fields.keys()
+    numbers: dict[str, Any] = {name: getattr(contact, name) for name in common}
     return Interface.model_construct(between=(contact.region, OBSTACLE), kind="contact", **numbers)

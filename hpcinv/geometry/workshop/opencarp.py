@@ -15,7 +15,6 @@ from hpcinv.errors import OutputError
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.source import DataArray, Floats, Ints, MeshSource
 
-SUFFIX = ".pts"
 _MICROMETRES = 1e6
 _UNIT_LENGTH = 1e-3
 """Deviation of the lengths of an array from 1 up to which it is a direction; raised, displacements may be taken."""

@@ -25,7 +25,6 @@ from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.version import __version__
 
-SUFFIX = ".usda"
 SCHEMA = "OpenUSD-proposals 111, Deformable Body Physics in USD, November 2026"
 _FACES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 """corners around the faces of a hexahedron"""

@@ -10,7 +10,7 @@ from hpcinv.base.quantity import Faults, Length, StiffnessField, StressField, Su
 from hpcinv.base.quantity.nondimensional import LengthsOfBody
 from hpcinv.base.quantity.quantity import Size
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.physics.effects.closures import GAP_CLOSURES, MOST_FRICTION, Closure, Known
+from hpcinv.physics.effects.closures import GAP_CLOSURES, Closure, Known, contradicting_closure
 from hpcinv.physics.effects.effect import Direction, Effect, Kinematics
 from hpcinv.physics.effects.obstacles import AnyObstacle
 from hpcinv.physics.kinematics.stable_functions import positive_part, rounded_positive_part
@@ -91,7 +91,7 @@ class Contact(Effect):
     """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        yield from self._contradicting_closure()
+        yield from contradicting_closure(self)
         if self.is_paired:
             text = "is not valid with 'friction' or a 'closure', which have a rigid obstacle and no such number"
             names = ("stiffness", "pressure", "penalty", "penetration")
@@ -101,16 +101,6 @@ class Contact(Effect):
             yield from (((name,), text) for name in ("pressure", "penalty") if getattr(self, name) is not None)
         elif self.stand_off is not None:
             yield ("stand_off",), "is not valid without 'stiffness': a rigid obstacle has no elastic layer"
-
-    def _contradicting_closure(self) -> Faults:
-        if not 0 <= self.friction <= MOST_FRICTION:
-            yield ("friction",), f"must be from 0 to {MOST_FRICTION:g}"
-        if self.touches_within is not None and (self.closure is None or self.touches_within <= 0):
-            yield ("touches_within",), "must be positive, and is not valid without a 'closure'"
-        if self.closure is None and self.known.model_fields_set:
-            yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
-        if (self.closure == "gap") != (self.rest_gap is not None):
-            yield ("rest_gap",), "must be given with 'closure: gap', and only then"
 
     @property
     def is_paired(self) -> bool:
