@@ -32,6 +32,7 @@ from hpcinv.job.combinations import PARTS, REFUSED
 from hpcinv.job.fibre_rules import FibreRule
 from hpcinv.job.job import Job, json_schema
 from hpcinv.output import run_report  # noqa: F401  (registers topics of lines)
+from hpcinv.physics.closures import CLOSURES
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import MaterialLaw, laws
 from hpcinv.physics.materials.isochoric import DILATATIONS
@@ -73,6 +74,7 @@ def pages() -> dict[Path, str]:
         "reference/functions.md": _functions(),
         "reference/commands.md": _commands(),
         "reference/combinations.md": _combinations(),
+        "reference/closures.md": _closures(),
         "reference/exit-codes.md": _exit_codes(),
         "reference/certificate-lines.md": _certificate_lines(),
         "reference/api.md": _api(),
@@ -415,6 +417,32 @@ def _combinations() -> Iterator[str]:
         (PARTS[name].title, PARTS[other].title, text) for name, row in REFUSED.items() for other, text in row.items()
     ]
     yield from _table(("part", "not with", "message, after its place"), sorted(rows))
+
+
+def _closures() -> Iterator[str]:
+    yield "# Closures"
+    yield ""
+    yield from _prose(
+        """
+        A deformed shape does not determine its contact pressure. A `closure` of an
+        [interface](../how-to/interfaces.md#contact-on-a-given-shape) or of a
+        [contact](../how-to/contact.md#a-given-shape-on-an-obstacle) says what is assumed.
+        """
+    )
+    yield ""
+    words = {"without": "no", "with": "needed", "both": "possible"}
+    rows = [
+        (
+            f"`{name}`",
+            kind.assumes.replace("'", "`"),
+            ", ".join(f"`{key}`" for key in kind.keys),
+            words[kind.friction],
+            f"no: {kind.leaves_open}" if kind.leaves_open else "yes",
+        )
+        for name, kind in CLOSURES.items()
+    ]
+    head = ("`closure`", "the pressure is the one for which", "keys", "`friction`", "may hold a part alone")
+    yield from _table(head, rows)
 
 
 def _failures() -> Iterator[str]:

@@ -1,14 +1,16 @@
 """Section of a job file with interfaces: two surfaces of one mesh that are tied, slide on each other, or touch."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
 from hpcinv.base.quantity import Length
 from hpcinv.base.quantity.schema import Faults, KeyPath, Spec
+from hpcinv.physics.closures import CLOSURES, ClosureName, contradicting_closure, fault_of_closure
+from hpcinv.physics.closures.closure import Closure
+from hpcinv.physics.closures.known import Known
 from hpcinv.physics.effects import Effect
-from hpcinv.physics.effects.closures import GAP_CLOSURES, Closure, Known, contradicting_closure
 from hpcinv.physics.effects.contact import Contact
 
 OBSTACLE = "obstacle"
@@ -28,11 +30,9 @@ class Interface(Spec):
     part; contact: they press on each other where they touch, with 'friction' or without"""
     friction: float = 0.0
     """coefficient of Coulomb friction of 'contact': the tangential traction is at most this multiple of the pressure"""
-    closure: Closure | None = None
-    """assumption on the pressure of 'contact' on a given deformed shape, which does not determine it. touching: none;
-    conforming: the unloaded bodies touch each other, too, where they press; gap: they are 'rest_gap' apart there;
-    stick: as conforming, and they did not slide; coulomb: as conforming, with friction that one load step brings;
-    given: the tractions of the forward solution, in a round trip that begins with it"""
+    closure: ClosureName | None = None
+    """assumption on the pressure of 'contact' on a given deformed shape, which does not determine it: one of the
+    `closures`"""
     rest_gap: Length | None = None
     """gap of the unloaded bodies with 'closure: gap'"""
     touches_within: Length | None = None
@@ -51,9 +51,9 @@ class Interface(Spec):
         yield from contradicting_closure(self)
 
     @property
-    def assumes_gap(self) -> bool:
-        """True if the gap of the unloaded bodies determines the pressure on a given deformed shape."""
-        return self.closure in GAP_CLOSURES
+    def assumed(self) -> type[Closure] | None:
+        """The closure, which determines the pressure on a given deformed shape."""
+        return CLOSURES.get(self.closure or "")
 
 
 def faults_of_interfaces(
@@ -78,36 +78,13 @@ def faults_of_interfaces(
     ]
     for place, interface in places:
         if interface.kind == "contact":
-            faults = (*_fault_of_closure(interface.closure, directions), *_fault_of_friction(interface))
-            yield from (((*place, "closure"), text) for text in faults)
+            yield from (((*place, "closure"), text) for text in fault_of_closure(interface, directions))
         if interface.known.model_fields_set and not uncertainty:
             yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
         if interface.friction and uncertainty and place[0] == "effects":
             yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"
     if uncertainty and not any(interface.closure for _, interface in places):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
-
-
-def _fault_of_closure(closure: Closure | None, directions: Sequence[str]) -> Iterator[str]:
-    if "inverse" not in directions:
-        if closure is not None:
-            yield "is not valid in a forward analysis, which finds the pressure: leave it out"
-    elif closure is None:
-        yield (
-            "is missing: a given deformed shape does not determine the pressure between its bodies, since their gap is"
-            " 0; assume 'touching', 'conforming' or 'gap', with friction 'stick' or 'coulomb', or 'given' after a"
-            " forward solve"
-        )
-    elif (closure == "given") != (directions[0] == "forward"):
-        yield "must be 'given' in a round trip that begins with the forward solve, and only there"
-
-
-def _fault_of_friction(interface: Interface) -> Iterator[str]:
-    closure = interface.closure
-    if interface.friction and closure in ("conforming", "gap"):
-        yield f"'{closure}' assumes nothing about friction: use 'coulomb' or 'stick', or leave out 'friction'"
-    if not interface.friction and closure in ("stick", "coulomb"):
-        yield f"'{closure}' needs 'friction', the coefficient that its tractions are compared with"
 
 
 def interface_of(contact: Contact) -> Interface:

@@ -19,12 +19,8 @@ from hpcinv.model.interfaces.pair import SurfacePair
 from hpcinv.model.interfaces.pins import Pins
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
+from hpcinv.physics.closures import CLOSURES
 from hpcinv.solver.support_checks import joined_parts, node_labels
-
-_UNDETERMINED = {
-    "touching": "does not balance its loads",
-    "given": "does not say where it is unloaded",
-}
 
 
 def pins_of(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> list[Pins]:
@@ -122,10 +118,11 @@ def _of_part(region: RegionFacets, facets: Facets, is_in_part: Floats) -> Facets
 
 
 def _check_closure(pair: SurfacePair, region: str, sign: int) -> None:
-    closure = pair.spec.closure
-    if sign < 0 and closure in _UNDETERMINED:
+    closure = pair.spec.assumed
+    if sign < 0 and closure is not None and closure.leaves_open:
+        holding = " or ".join(f"'{name}'" for name, kind in CLOSURES.items() if not kind.leaves_open)
         raise MeshError(
-            f"{pair.where}.closure: '{closure}' {_UNDETERMINED[closure]}: nothing but contact holds the part with"
+            f"{pair.where}.closure: '{closure.name}' {closure.leaves_open}: nothing but contact holds the part with"
             f" '{region}'",
-            "Assume 'conforming' or 'gap', or hold the part by supports.",
+            f"Assume {holding}, or hold the part by supports.",
         )

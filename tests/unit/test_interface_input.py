@@ -91,6 +91,6 @@ def test_bodies_in_contact_must_not_overlap_at_first() -> None:
         weak_form.contacts.check_start()
 
 
-def test_friction_between_bodies_is_not_a_key_yet() -> None:
-    with pytest.raises(JobError, match="friction"):
+def test_closures_that_fit_friction_are_named() -> None:
+    with pytest.raises(JobError, match=r"closure: is missing.* assume 'coulomb', 'stick' or 'touching'"):
         two_blocks(["bottom", "top"], interfaces=[{"between": ["bottom", "top"], "kind": "contact", "friction": 0.2}])

@@ -113,6 +113,28 @@ def test_a_method(copy: Path) -> None:
     assert (done.returncode, done.stdout) == (0, "-8.0 -4.0 True\n"), done.stderr
 
 
+CLOSURE = """
+import hpcinv
+
+job = hpcinv.Job.model_validate({
+    "job": "glued",
+    "mesh": {"file": "meshes/two_blocks.py", "parameters": {"lower": 1, "upper": 1}},
+    "material": {"law": "neo-hookean", "mu": 1.0, "lam": 2.0},
+    "discretisation": {"displacement": 1},
+    "supports": [{"region": "z0", "fix": ["x", "y", "z"]}, {"region": "z1", "displacement": [0, 0.01, -0.05]}],
+    "interfaces": [{"between": ["bottom", "top"], "kind": "contact", "friction": 0.1, "closure": "glued"}],
+})
+print(hpcinv.run(job, progress=False).solutions[0].contacts[0].assumption)
+"""
+
+
+def test_a_closure(copy: Path, generated: Path) -> None:
+    done = typed(copy, "-c", CLOSURE)
+    assert done.returncode == 0, done.stderr
+    assert "were glued there (assumed" in done.stdout
+    assert "| `glued` |" in (generated / "closures.md").read_text()
+
+
 def test_a_command(copy: Path, generated: Path) -> None:
     done = typed(copy, "-m", "hpcinv", "gravity", "moon")
     assert (done.returncode, done.stdout) == (0, "1.62\n")

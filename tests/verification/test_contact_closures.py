@@ -121,7 +121,7 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     [
         ({}, "inverse", "closure: is missing"),
         ({"closure": "touching"}, "forward", "leave it out"),
-        ({"closure": "given"}, "inverse", "must be 'given' in a round trip"),
+        ({"closure": "given"}, "inverse", "is for a round trip that begins with the forward solve: use 'conf"),
         ({"closure": "gap"}, "inverse", "rest_gap: must be given"),
         ({"closure": "conforming", "known": {"greatest_pressure": -1.0}}, "inverse", "must be positive"),
         ({"closure": "conforming", "kind": "tied"}, "inverse", "is not valid with 'kind: tied'"),

@@ -15,8 +15,9 @@ Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (19
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from hpcinv.model.interfaces.entries import matrix_of_entries
 from hpcinv.model.interfaces.facets import Facets
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.surface_rotations import surface_rotations
+from hpcinv.physics.closures.closure import Bound
 
 _SOFTNESS = 2.0**-4
 """Penalty by the pressure's. Raised, Newton's method goes astray where much slides; lowered, more updates are needed,
@@ -38,23 +40,12 @@ _SOFTER = 2.0**-8
 """Penalty by the pressure's after a solve has failed, about the stiffness of the body along the surface. Above that,
 functions that slide to and fro in turn pass the range in which they stick, and Newton's method may go in cycles."""
 
-type Bound = Callable[[Floats], tuple[Floats, Floats]]
-"""largest tractions by the pressures, and their derivatives"""
-
-
-def coulomb(coefficient: float) -> Bound:
-    """Return the bound ``μ p``."""
-    return lambda pressures: (coefficient * pressures, np.full_like(pressures, coefficient))
-
-
-def rough(pressures: Floats) -> tuple[Floats, Floats]:
-    """Return no bound where surfaces press on each other, else 0."""
-    return np.where(pressures > 0, np.inf, 0.0), np.zeros_like(pressures)
-
-
-def unbounded(pressures: Floats) -> tuple[Floats, Floats]:
-    """Return no bound, of tractions that are given."""
-    return np.full_like(pressures, np.inf), np.zeros_like(pressures)
+_BOUNDS: Mapping[Bound, Callable[[float, Floats], tuple[Floats, Floats]]] = {
+    "coulomb": lambda coefficient, pressures: (coefficient * pressures, np.full_like(pressures, coefficient)),
+    "rough": lambda _, pressures: (np.where(pressures > 0, np.inf, 0.0), np.zeros_like(pressures)),
+    "unbounded": lambda _, pressures: (np.full_like(pressures, np.inf), np.zeros_like(pressures)),
+}
+"""largest tractions by the coefficient of friction and the pressures, and their derivatives by the pressures"""
 
 
 @dataclass(frozen=True)
@@ -109,8 +100,11 @@ class Friction:
         turns: whether tractions turn with the first surface; a rigid obstacle keeps them.
     """
 
-    def __init__(self, bound: Bound, names: Ints, owned: int, comm: MPI.Intracomm, *, turns: bool = True) -> None:
-        self._bound, self._names, self._owned, self._comm = bound, names, owned, comm
+    def __init__(
+        self, bound: Bound, coefficient: float, names: Ints, owned: int, comm: MPI.Intracomm, *, turns: bool = True
+    ) -> None:
+        self._bound = partial(_BOUNDS[bound], coefficient)
+        self._names, self._owned, self._comm = names, owned, comm
         self._turns, self._shift = turns, np.zeros(3)
         self.reset()
 
@@ -328,6 +322,5 @@ def frictions_of(
     """
     if not spec.friction:
         return ()
-    bounds = {"coulomb": coulomb(spec.friction), "stick": rough}
-    bound = coulomb(spec.friction) if sign > 0 else bounds.get(spec.closure or "", unbounded)
-    return (Friction(bound, names, owned, comm, turns=turns),)
+    bound: Bound = "coulomb" if sign > 0 or spec.assumed is None else spec.assumed.bound
+    return (Friction(bound, spec.friction, names, owned, comm, turns=turns),)

@@ -61,14 +61,6 @@ LAWS: Mapping[str, Law] = {
     "sliding": Law(False, True, True, 0.25, 2.0**12, (2.0**-42, 2.0**-38)),
     "contact": Law(False, False, True, np.inf, 2.0**8, (2.0**-38, 2.0**-34)),
 }
-_CLOSURES = {
-    "touching": "touches without pressure",
-    "conforming": "pressed where the unloaded bodies touch, too, on",
-    "gap": "pressed where the unloaded bodies have a known gap to",
-    "stick": "pressed where the unloaded bodies touch, too, and stuck to",
-    "coulomb": "pressed where the unloaded bodies touch, too, with friction that one load step brings, on",
-    "given": "pressed as in the forward solution on",
-}
 
 
 def assumption(spec: Interface, sign: int) -> str:
@@ -79,7 +71,7 @@ def assumption(spec: Interface, sign: int) -> str:
     """
     other = spec.between[1]
     texts = {"tied": f"tied to '{other}'", "sliding": f"slides on '{other}'"}
-    if sign < 0 and spec.closure is not None:
-        return f"{_CLOSURES[spec.closure]} '{other}' (assumed: the shape does not determine the pressure)"
+    if sign < 0 and (closure := spec.assumed) is not None:
+        return f"on '{other}', with a pressure for which {closure.assumes} (assumed: the shape does not determine it)"
     rough = f"with friction {spec.friction:g}" if spec.friction else "without friction"
     return texts.get(spec.kind, f"on '{other}', {rough}")

@@ -106,7 +106,8 @@ class SurfacePair:
         self.has_obstacle, self.depends_on_state = obstacle is not None, obstacle is not None and sign > 0
         self.where, self.spec, self._law = where, spec, LAWS[spec.kind]
         self._body, self._unknowns, self._comm, self._sign = body, unknowns, body.mesh.comm, sign
-        self.is_iterated, self.version = self._law.pulls or sign > 0 or spec.assumes_gap, 0
+        finds_pressure = spec.assumed is not None and spec.assumed.finds_pressure
+        self.is_iterated, self.version = self._law.pulls or sign > 0 or finds_pressure, 0
         self._updates, self._softening = AcceleratedUpdates(), Softening()
         if unknowns.has_directors:
             raise MeshError(

@@ -10,7 +10,8 @@ from hpcinv.base.quantity import Faults, Length, StiffnessField, StressField, Su
 from hpcinv.base.quantity.nondimensional import LengthsOfBody
 from hpcinv.base.quantity.quantity import Size
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.physics.effects.closures import GAP_CLOSURES, Closure, Known, contradicting_closure
+from hpcinv.physics.closures import ClosureName, contradicting_closure
+from hpcinv.physics.closures.known import Known
 from hpcinv.physics.effects.effect import Direction, Effect, Kinematics
 from hpcinv.physics.effects.obstacles import AnyObstacle
 from hpcinv.physics.kinematics.stable_functions import positive_part, rounded_positive_part
@@ -78,11 +79,9 @@ class Contact(Effect):
     friction: float = 0.0
     """coefficient of Coulomb friction on a rigid obstacle: the tangential traction is at most this multiple of the
     pressure"""
-    closure: Closure | None = None
-    """assumption on the pressure of a rigid obstacle on a given deformed shape, which does not determine it. touching:
-    none; conforming: the unloaded body touches the unloaded obstacle, too, where it presses; gap: they are 'rest_gap'
-    apart there; stick: as conforming, and the body did not slide; coulomb: as conforming, with friction that one load
-    step brings; given: the tractions of the forward solution, in a round trip that begins with it"""
+    closure: ClosureName | None = None
+    """assumption on the pressure of a rigid obstacle on a given deformed shape, which does not determine it: one of
+    the `closures`"""
     rest_gap: Length | None = None
     """gap of the unloaded body with 'closure: gap'"""
     touches_within: Length | None = None
@@ -110,11 +109,6 @@ class Contact(Effect):
     def is_augmented(self) -> bool:
         """True if the contact pressure is found by iteration."""
         return self.stiffness is None and self.pressure is None
-
-    @property
-    def assumes_gap(self) -> bool:
-        """True if the gap of the unloaded body determines the pressure on a given deformed shape."""
-        return self.closure in GAP_CLOSURES
 
     @property
     def presses_at_any_load(self) -> bool:
