@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from hpcinv.base.quantity import Length
+from hpcinv.base.quantity import Length, StressField
 from hpcinv.base.quantity.schema import Faults, KeyPath, Spec
 from hpcinv.physics.closures import CLOSURES, ClosureName, contradicting_closure, fault_of_closure
 from hpcinv.physics.closures.closure import Closure
@@ -35,6 +35,9 @@ class Interface(Spec):
     `closures`"""
     rest_gap: Length | None = None
     """gap of the unloaded bodies with 'closure: gap'"""
+    pressure: StressField | None = None
+    """pressure on the first surface of the given bodies with 'closure: pressure': a number, a formula of x, y and z, or
+    an array at the nodes of the mesh"""
     touches_within: Length | None = None
     """gap of the given bodies up to which a 'closure' lets them press on each other; by default 1/256 of their length.
     Segmented surfaces need some; more widens the interval"""

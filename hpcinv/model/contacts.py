@@ -223,8 +223,8 @@ class Contacts:
         passages = [contact.passage(unknowns) for contact in self._all]
         return Passages([passage for passage in passages if passage is not None], unknowns.mesh.comm)
 
-    def update_parameters(self, effects: Sequence[Effect], modulus: float) -> None:
-        """Take the numbers of other effects and the shear modulus, of a job of the same reuse group."""
+    def update_parameters(self, effects: Sequence[Effect], modulus: float, scales: Scales) -> None:
+        """Take the numbers of other effects, shear modulus and scales, of a job of the same reuse group."""
         contacts = [effect for effect in effects if isinstance(effect, Contact)]
         alone = (effect for effect in contacts if not effect.is_paired)
         for contact, effect in zip(self._obstacles, alone, strict=True):
@@ -234,6 +234,7 @@ class Contacts:
             pair.update_modulus(modulus)
             if pair.has_obstacle:
                 pair.update_obstacle(next(paired))
+            pair.update_pressure(scales.stress)
 
     def reset(self) -> None:
         """Set the pressures of rigid obstacles to zero, and their penalties to the first ones."""

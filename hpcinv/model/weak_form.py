@@ -130,7 +130,9 @@ class WeakForm:
         modulus = _modulus(job, fields, scales)
         obstacles = paired_obstacles(named, fields.body, job.resolve)
         pairs = (
-            on_demand("interfaces")(job.interfaces, obstacles, fields.body, unknowns, kin.sign, modulus)
+            on_demand("interfaces")(
+                job.interfaces, obstacles, fields.body, unknowns, kin.sign, (modulus, scales.stress)
+            )
             if job.interfaces or obstacles
             else ()
         )
@@ -179,7 +181,7 @@ class WeakForm:
     def update_parameters(self, job: Job, scales: Scales) -> None:
         """Set the numbers of another job of the same reuse group."""
         self.parameters.update_parameters(_ingredients(job), scales)
-        self.contacts.update_parameters(job.effects, _modulus(job, self.parameters.fields, scales))
+        self.contacts.update_parameters(job.effects, _modulus(job, self.parameters.fields, scales), scales)
 
     def begin_line(self, job: Job) -> None:
         """Let the load factor lead from the numbers of another job of the same reuse group to the present ones."""

@@ -31,6 +31,7 @@ KINDS: dict[str, tuple[dict[str, Any], list[str]]] = {
     "tied": ({"kind": "tied"}, ["inverse", "forward"]),
     "sliding": ({"kind": "sliding"}, ["forward", "inverse"]),
     "conforming": ({"kind": "contact", "closure": "conforming"}, ["inverse", "forward"]),
+    "pressure": ({"kind": "contact", "closure": "pressure", "pressure": "0.02*(1 + x)"}, ["inverse", "forward"]),
     "given": ({"kind": "contact", "closure": "given"}, ["forward", "inverse"]),
 }
 
@@ -76,7 +77,7 @@ def test_stopped_runs_resume_on_another_number_of_ranks(
     assert np.abs(comm.bcast(resumed) - results_of(whole)).max() < 1e-10
 
 
-@pytest.mark.parametrize("kind", [pytest.param("tied", marks=pytest.mark.release), "sliding", "given"])
+@pytest.mark.parametrize("kind", [pytest.param("tied", marks=pytest.mark.release), "sliding", "given", "pressure"])
 def test_cases_that_share_their_equations_equal_single_jobs(kind: str) -> None:
     changes: dict[str, Any] = {"material": {"law": "neo-hookean", "mu": 1.7, "lam": 2.0}}
     changes["supports"] = [GIVEN["supports"][0], {"region": "z1", "displacement": [0, 0, -0.03]}]

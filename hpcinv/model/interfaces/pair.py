@@ -33,6 +33,7 @@ from hpcinv.model.contacts import ContactReport, first_penalty
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.friction import frictions_of
+from hpcinv.model.interfaces.given_pressures import given_pressures
 from hpcinv.model.interfaces.interface_reports import InterfaceReports
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import LAWS
@@ -73,6 +74,7 @@ class SurfacePair:
         label: ending of the names of its fields.
         sign: of the kinematics.
         modulus: typical shear modulus, scaled.
+        stress: unit of scaled stresses (Pa).
         obstacle: rigid obstacle that takes the part of the second surface; none between two regions.
 
     Attributes:
@@ -98,6 +100,7 @@ class SurfacePair:
         unknowns: Unknowns,
         sign: int,
         modulus: float,
+        stress: float,
         obstacle: ObstacleSurface | None = None,
     ) -> None:
         sides = sides_of(body, spec.between)
@@ -132,6 +135,7 @@ class SurfacePair:
         self._frictions = frictions_of(spec, sign, self._names, self._owned, self._comm, turns=turns)
         self.depends_on_path = sign > 0 and bool(self._frictions)
         self.update_modulus(modulus)
+        self._assumed: Floats | float = 0.0
         self.reset()
         self._given, pressed = self._searched(body.given_nodes / body.length_scale, None, loaded=sign < 0)
         if obstacle is None and self._one_body is None and not self._given.areas.any():
@@ -145,6 +149,7 @@ class SurfacePair:
         self._set_frictions(
             body.given_nodes / body.length_scale, np.zeros((len(unknowns.displacement_dofs_of_nodes), 3))
         )
+        self.update_pressure(stress)
 
     def _opposite_side(self, *, are_doubled: bool) -> Opposite:
         """Return what lies opposite to the first surface.
@@ -248,12 +253,27 @@ class SurfacePair:
         is_shell = self._body.source.thickness > 0
         self._soft_penalty = first_penalty(modulus, self._body) if is_shell else None
 
+    def update_pressure(self, stress: float) -> None:
+        """Take the pressure of the job, in another unit (Pa) of scaled stresses.
+
+        Raises:
+            MeshError: on all ranks, if the mesh has no such array, or the pressure is negative.
+        """
+        if self._sign > 0 or self.spec.assumed is None or self.spec.pressure is None:
+            return
+        places = self._node_places * self._body.length_scale
+        where = f"{self.where}.pressure"
+        pressures = given_pressures(self.spec.pressure, where, self._body, self.reports.functions, places)
+        acts = (self._given.areas > 0) & (self._touching > 0)
+        self._assumed = np.where(acts, pressures / stress, 0.0)
+        self.reset()
+
     def update_obstacle(self, effect: Contact) -> None:
         """Take the numbers of another contact of the same reuse group."""
         assert self._obstacle is not None
         self._obstacle.effect = effect
-        gaps = {"rest_gap": effect.rest_gap, "touches_within": effect.touches_within, "known": effect.known}
-        self.spec = self.spec.model_copy(update=gaps)
+        names = ("rest_gap", "touches_within", "known", "pressure")
+        self.spec = self.spec.model_copy(update={name: getattr(effect, name) for name in names})
 
     @property
     def _tolerance(self) -> float:
@@ -416,7 +436,7 @@ class SurfacePair:
         return SurfacePassage((first, second), self._body, unknowns, self._one_body) if is_followed else None
 
     def reset(self) -> None:
-        self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1))
+        self._q: Floats = np.zeros(len(self._names) * (3 if self._law.has_vectors else 1)) + self._assumed
         self._before_update: Floats | None = None
         self._updates.forget()
         self._softening.reset()
@@ -628,20 +648,21 @@ def pairs_of(
     body: Body,
     unknowns: Unknowns,
     sign: int,
-    modulus: float,
+    units: tuple[float, float],
 ) -> list[SurfacePair]:
     """Return the interfaces of a job, and its contacts with obstacles that take the part of a surface; collective.
 
     Args:
         obstacles: place in the job and ending of the names of fields, by obstacle.
         sign: of the kinematics.
+        units: typical shear modulus (scaled), and unit of scaled stresses (Pa).
     """
     labels = [""] if len(interfaces) == 1 else [f"_{i}" for i in range(len(interfaces))]
     pairs = [
-        SurfacePair(f"interfaces[{i}]", label, spec, body, unknowns, sign, modulus)
+        SurfacePair(f"interfaces[{i}]", label, spec, body, unknowns, sign, *units)
         for i, (label, spec) in enumerate(zip(labels, interfaces, strict=True))
     ]
     for where, label, obstacle in obstacles:
         spec = interface_of(obstacle.effect)
-        pairs.append(SurfacePair(where, label, spec, body, unknowns, sign, modulus, obstacle))
+        pairs.append(SurfacePair(where, label, spec, body, unknowns, sign, *units, obstacle))
     return pairs

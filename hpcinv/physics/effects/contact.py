@@ -69,7 +69,7 @@ class Contact(Effect):
     stand_off: Length | None = None
     """gap below which the elastic layer presses, by default 0"""
     pressure: StressField | None = None
-    """known contact pressure, for an inverse analysis"""
+    """known contact pressure, for an inverse analysis; with 'closure: pressure' at vertices, a formula of x, y and z"""
     penalty: StiffnessField | None = None
     """pressure per penetration of a rigid obstacle in each solve; by default 64 shear moduli per length of the body,
     less for shells thinner than 1/50 of it, which grow up to 64 times that; 0 with a known pressure"""
@@ -90,10 +90,10 @@ class Contact(Effect):
     """bounds of what the given shape does not determine, for `uncertainty: contact`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        yield from contradicting_closure(self)
+        yield from contradicting_closure(self, () if self.friction else ("pressure",))
         if self.is_paired:
             text = "is not valid with 'friction' or a 'closure', which have a rigid obstacle and no such number"
-            names = ("stiffness", "pressure", "penalty", "penetration")
+            names = ("stiffness", "penalty", "penetration")
             yield from (((name,), text) for name in names if getattr(self, name) is not None)
         if self.stiffness is not None:
             text = "is not valid with 'stiffness': there the penetration determines the pressure"
@@ -130,7 +130,7 @@ class Contact(Effect):
                 " give the 'stiffness' of an elastic layer, a known 'pressure', or assume a 'closure'"
             )
             yield (), text
-        if first == "forward" and self.pressure is not None:
+        if first == "forward" and self.pressure is not None and not self.is_paired:
             yield ("pressure",), "is valid only on a given deformed body; a forward solve finds the contact pressure"
 
     @property
