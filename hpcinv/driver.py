@@ -104,6 +104,7 @@ def run(
                 estimate,
                 joined_sensitivities(solved.slopes, prepared.job.quantities),
                 spread,
+                equations=tuple(prepared.equations),
             )
         )
         return outputs.report.with_second_opinion(result) if job.second_opinion else result

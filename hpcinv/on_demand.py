@@ -54,6 +54,8 @@ FUNCTIONS = {
     "picture of a result": "hpcinv.pages.pictures.result_picture:draw_result",
     "pins of free parts": "hpcinv.solver.free_parts:pins_of",
     "power series": "hpcinv.solver.series_continuation:SeriesSteps",
+    "products with derivatives": "hpcinv.trust.sensitivity.adjoint:vjp",
+    "products with directions": "hpcinv.trust.sensitivity.forward_products:jvp",
     "programs of a form": "hpcinv.physics.points.form_programs:programs_of",
     "quadrilaterals of surfaces": "hpcinv.mesh.quadrilaterals:quadrilaterals",
     "refined factors": "hpcinv.solver.linear.refined:Refined",

@@ -414,6 +414,12 @@ def reorder_to_source(body: Body, values: npt.NDArray[np.float64]) -> Floats:
     return rows.deliver(source_node_values(body, values)[:owned], geometry.input_global_indices[:owned])
 
 
+def whole_in_source_order(body: Body, values: Floats) -> Floats:
+    """Values at all nodes of the source (N, c) on all ranks, from values at the local geometry nodes; collective."""
+    comm = body.mesh.comm
+    return np.concatenate(comm.allgather(reorder_to_source(body, values)))
+
+
 def source_node_values(body: Body, values: Floats) -> Floats:
     """Values at the local nodes of the source's cells, from values at the local geometry nodes."""
     if body.degree == body.source.degree:

@@ -188,6 +188,11 @@ class Parameters:
         entries[self._places[index][name]] = 1.0
         return entries
 
+    def function_of(self, where: str, name: str) -> fem.Function | None:
+        """Return the function that is a quantity of an ingredient; ``None`` if the quantity is a number or formula."""
+        place = self._places[self._numbers[where]].get(name) if where in self._numbers else None
+        return place if isinstance(place, fem.Function) else None
+
     @property
     def functions(self) -> tuple[fem.Function, ...]:
         """Quantities of the forms that are functions."""

@@ -25,6 +25,9 @@ from hpcinv.physics.effects import Direction
 
 _TOUCHING = 1e-12
 """Distance (scaled) of a node from its slide that is a rounding error; raised, a path may begin off the slide."""
+_STEP = 2.0**-10
+"""Length of differences of formulas over the body's; raised, their error grows with its fourth power; lowered, rounding
+errors grow."""
 _PROJECTIONS = 4
 """Newton steps that put nodes back on curved surfaces; with fewer, interpolated displacements leave them."""
 
@@ -264,6 +267,19 @@ class Supports:
             if entry.support == number:
                 points = entry.points * self._length
                 values = [_prescribed(spec, entry.axis, points, direction) for spec in specs]
+                rate[entry.nodes] = central_difference(values, step) / self._length
+            changes.append(rate)
+        return changes
+
+    def position_rates(self, axis: int, job: Job) -> list[Floats]:
+        """Return derivatives of the displacements at full load by a coordinate (m) of their points, as `rates`."""
+        changes, step = list[Floats](), _STEP * self._length
+        for entry in self.prescribed:
+            rate = np.zeros_like(entry.full)
+            spec, points = job.supports[entry.support], entry.points * self._length
+            if spec.remote is None and len(points):
+                e = step * np.eye(3)[axis]
+                values = [_prescribed(spec, entry.axis, points + k * e, job.directions[0]) for k in POINTS]
                 rate[entry.nodes] = central_difference(values, step) / self._length
             changes.append(rate)
         return changes

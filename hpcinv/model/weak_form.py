@@ -100,6 +100,7 @@ class WeakForm:
         J: volume ratio; mesh_J: the determinant that must be positive at every point.
         H: displacement gradient, the variable of all expressions in `parts`.
         constraints: integrals that unknown numbers of effects make zero, by the places of the effects.
+        derived: further forms with their programs, which are kept as long as this one.
 
     Raises:
         MeshError: on all ranks, if the mesh lacks a region or an array that the job names.
@@ -116,6 +117,7 @@ class WeakForm:
         given_u: fem.Function | None = None,
     ) -> None:
         self.unknowns = unknowns
+        self.derived: dict[str, Any] = {}
         self.quadrature_degree = quadrature_degree
         cells = law_cells(fields.body, job.laws)
         integration = Integration(fields.body, quadrature_degree, cells)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
+from hpcinv.mesh.body import whole_in_source_order
 from hpcinv.mesh.source import Floats
 from hpcinv.on_demand import on_demand
 from hpcinv.output.surfaces.boundary_surface import Boundary
@@ -23,10 +24,11 @@ from hpcinv.output.surfaces.picture import Picture
 from hpcinv.output.vtk import write_fields
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
+from hpcinv.solver.equations import Equations
 from hpcinv.trust.accuracy import AccuracyRecord
 from hpcinv.trust.certificate import Certificate, Estimate, Verdict
 from hpcinv.trust.certificate.overlap import OVERLAP
-from hpcinv.trust.sensitivity.sensitivities import Sensitivities, SurfaceSpread
+from hpcinv.trust.sensitivity.sensitivities import Gradient, Sensitivities, SurfaceSpread
 
 
 class Quantities(dict[str, Any]):
@@ -66,6 +68,7 @@ class Result:
         directory: of the run, ``None`` if nothing was written.
         accuracy: record of the search for the accuracy that the job demands, if any.
         totals: size, volume, mass and load of the meshed part.
+        equations: of each solution, for `vjp` and `jvp`.
     """
 
     job: Job
@@ -81,6 +84,7 @@ class Result:
     directory: Path | None = None
     accuracy: AccuracyRecord | None = None
     totals: Totals | None = None
+    equations: Sequence[Equations] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "quantities", Quantities(self.quantities, self._units()))
@@ -110,6 +114,55 @@ class Result:
     def shape(self) -> Floats:
         """Coordinates of the local geometry nodes in the unknown body, (n, 3) in m."""
         return self.solutions[0].other_nodes
+
+    def vjp(self, covector: Mapping[str, Any], fields: Iterable[str] = (), *, nodes: bool = False) -> Gradient:
+        """Return the gradient of ``Σ weight · result``, by one solve with the transposed tangent; collective.
+
+        It is by all numbers under ``sensitivities``, by fields, and by the nodes of the given body. If the run had a
+        `Workspace` that still exists, its factors are used; else the tangent is factorized once.
+
+        Args:
+            covector: weights by the name of a quantity, or ``shape``, (nodes, 3) in the order of `shape_in_file`.
+            fields: keys of quantities of laws, effects or fibres, such as ``material.mu``; the gradient is by a value
+                in each cell, facet or node.
+            nodes: whether to differentiate by the nodes of the given body, too.
+
+        Raises:
+            JobError: on all ranks: unknown names, wrong shapes, or what has no such derivative.
+            SolveError: on all ranks, if the tangent at the solution is singular.
+        """
+        made: Gradient = on_demand("products with derivatives")(
+            self.equations, self.solutions, self.job, covector, fields, nodes=nodes
+        )
+        return made
+
+    def jvp(self, direction: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the derivatives of the shape and of the quantities along a direction, by one solve; collective.
+
+        Args:
+            direction: rates (SI) by keys of numbers under ``sensitivities``, by keys of fields, with arrays as `vjp`
+                returns, and ``nodes``, (nodes, 3).
+
+        Returns:
+            ``shape``, (nodes, 3) in m in the order of `shape_in_file`, and each quantity that has a derivative.
+
+        Raises:
+            JobError, SolveError: as `vjp`.
+        """
+        made: dict[str, Any] = on_demand("products with directions")(
+            self.equations, self.solutions, self.job, direction
+        )
+        return made
+
+    @property
+    def shape_in_file(self) -> Floats:
+        """Coordinates (m) of the nodes of the computed body in the order of the job's mesh, (nodes, 3); collective."""
+        return whole_in_source_order(self.body, self.shape)
+
+    @property
+    def given_in_file(self) -> Floats:
+        """Coordinates (m) of the nodes of the given body in the order of the job's mesh, (nodes, 3); collective."""
+        return whole_in_source_order(self.body, self.body.given_nodes)
 
     def plot(self, colour: Colour = "displacement") -> Picture:
         """Draw the given body next to the computed one; collective.

@@ -137,7 +137,7 @@ class PointFields:
             if not comm.allreduce(bool(here.any()), op=MPI.LOR):
                 continue  # no cell of this law among the entities
             if (kind, number) not in self._expressions:
-                expressions = [field for field, _ in self._fields(number, kind).values()] + self._sizes(kind)
+                expressions = [field for field, _ in self.expressions(number, kind).values()] + self._sizes(kind)
                 self._expressions[kind, number] = fem.Expression(
                     remove_stages(ufl.as_vector(expressions)),
                     points,
@@ -159,7 +159,7 @@ class PointFields:
             return [abs(FacetJacobianDeterminant(mesh)) * ratio for ratio in kin.areas]
         return [abs(ufl.JacobianDeterminant(mesh)) * ratio for ratio in kin.volumes]
 
-    def _fields(self, part: int, kind: str) -> dict[str, tuple[Any, float]]:
+    def expressions(self, part: int, kind: str) -> dict[str, tuple[Any, float]]:
         """Return the UFL scalar and the SI value of its unit, by field name."""
         weak_form, kin, scales = self._weak_form, self._weak_form.kinematics, self._scales
         fields = dict(zip(_POSITIONS, ((c, scales.length) for v in (kin.X, kin.x, kin.u) for c in v), strict=True))
@@ -177,6 +177,6 @@ class PointFields:
         return {name: field for name, field in fields.items() if name in self._names}
 
     def _named(self, kind: str, values: Floats) -> dict[str, Floats]:
-        named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self._fields(0, kind).items())}
+        named = {name: values[:, i] * unit for i, (name, (_, unit)) in enumerate(self.expressions(0, kind).items())}
         measured = {m: measure_named(m) for m in self._measures}
         return named | {m: f(*(named[c] for c in components_of(m))) for m, f in measured.items() if f is not None}

@@ -90,6 +90,28 @@ class DirectorUnknowns:
         x.copy(self._work)
         self._to_nodes.mult(self._work, x)
 
+    def enter_transposed(self, b: PETSc.Vec) -> None:
+        """Transform forces at the nodes for a solve with the transposed matrix."""
+        b.copy(self._work)
+        self._to_nodes.multTranspose(self._work, b)
+
+    def leave_transposed(self, x: PETSc.Vec) -> None:
+        """Transform a solution with the transposed matrix to weights of what `enter` takes at the nodes."""
+        x.copy(self._given)
+        self._given.array[self._held] = 0.0
+        self._to_nodes.mult(self._given, self._work)
+        held = x.array[self._held].copy()
+        x.set(0.0)
+        x.array[self._held] = held
+        self._from_nodes.multTranspose(x, self._given)
+        self._given.copy(x)
+        x.axpy(1.0, self._work)
+
+    def to_nodes(self, x: PETSc.Vec) -> None:
+        """Transform a solution to displacements of the nodes."""
+        x.copy(self._work)
+        self._to_nodes.mult(self._work, x)
+
     def attach(self, ksp: PETSc.KSP) -> None:
         """Let a solver take forces at the nodes, and return displacements there."""
         ksp.setPreSolve(lambda _, b, x: self.enter(b))

@@ -56,7 +56,7 @@ def _references(
         return {p.key: _reference(equations, p, *first) for p in numbers}
     references = {key: ReferenceChange(moved, None, _cell_limit(equations, moved)) for key, moved in mesh.items()}
     values = {p.key: p.value for p in numbers}
-    rates = _node_rates(equations.job, equations.body, numbers)
+    rates = node_rates(equations.job, equations.body, numbers)
     return references | {key: ReferenceChange(moved, None, values[key]) for key, moved in rates.items()}
 
 
@@ -268,7 +268,7 @@ def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float
     return max(entry for entry in everywhere if entry is not None)
 
 
-def _node_rates(job: Job, body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
+def node_rates(job: Job, body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
     """Return derivatives (n, 3) of the local geometry nodes by those parameters that move them, by key; collective."""
     source, sections = body.source, [*job.mesh.sections_of_kind.values()]
     moving = [p for p in parameters if p.owner in sections]

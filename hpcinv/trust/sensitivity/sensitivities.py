@@ -94,6 +94,21 @@ class Sensitivities:
         return field
 
 
+@dataclass(frozen=True)
+class Gradient:
+    """Gradient of a weighted sum of results, in SI; the same on all ranks.
+
+    Attributes:
+        numbers: by the numbers under ``sensitivities``, with what changes with each.
+        fields: by the fields that were asked for: (cells,), (facets,) or (nodes, …) in the order of the job's mesh.
+        nodes: by the nodes of the given body, (nodes, 3); ``None`` if it was not asked for.
+    """
+
+    numbers: Mapping[str, float]
+    fields: Mapping[str, Floats] = field(default_factory=dict)
+    nodes: Floats | None = None
+
+
 def joined_sensitivities(
     shapes: Mapping[str, Sensitivities], quantities: Iterable[QuantityOfInterest]
 ) -> Sensitivities | None:

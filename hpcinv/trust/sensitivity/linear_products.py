@@ -1,0 +1,87 @@
+"""Linear solves with a tangent or its transpose, by the factors that a solve has left.
+
+The factors of Newton's last tangent precondition the tangent at the solution, which takes a few iterations of FGMRES
+instead of a factorization. Multigrid, which has no transpose, preconditions as it is: tangents of inverse problems are
+nearly symmetric.
+
+Source: Saad, SIAM J. Sci. Comput. 14, 461-469, 1993, doi:10.1137/0914028.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+from hpcinv.base.parallel.petsc_vectors import norm
+from hpcinv.errors import SolveError
+from hpcinv.model.assembly.system import System
+from hpcinv.solver.linear_solver import LinearSolver
+
+_TOLERANCE = 1e-13
+"""Residual over the right-hand side at which iterations end; raised, gradients have such a relative error."""
+_ENOUGH = 1e-9
+"""The same above which a solve has failed; raised, gradients of nearly singular tangents are inaccurate."""
+_ITERATIONS, _MULTIGRID_ITERATIONS = 30, 300
+"""Iterations after which factors of an earlier tangent are given up, and those with multigrid."""
+
+
+def solve(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, *, is_transposed: bool) -> None:
+    """Solve ``K x = b`` or ``Kᵀ x = b`` with the last assembled tangent; collective.
+
+    Raises:
+        SolveError: on all ranks, if the tangent is singular.
+    """
+    size = norm(b)
+    if size == 0.0:
+        x.set(0.0)
+        return
+    for renews in (False, True) if linear.has_factors else (True,):
+        if renews:
+            linear.factorize()
+        if _solved(system, linear, b, x, is_transposed) <= _ENOUGH * size:
+            return
+    raise SolveError(
+        "the tangent at the solution is singular, so that there are no derivatives there",
+        "Take a load at which the solution is not at a limit point.",
+    )
+
+
+def _solved(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, is_transposed: bool) -> float:
+    """Set ``x`` to a solution; return the norm of its residual."""
+    matrix, director = system.matrix, system.director
+    operator = PETSc.Mat().createTranspose(matrix) if is_transposed else matrix
+    is_direct = linear.configuration.name == "direct"
+    ksp = PETSc.KSP().create(system.comm)
+    ksp.setType(PETSc.KSP.Type.FGMRES)
+    ksp.setOperators(operator)
+    ksp.setTolerances(rtol=_TOLERANCE, atol=0.0, max_it=_ITERATIONS if is_direct else _MULTIGRID_ITERATIONS)
+    ksp.setGMRESRestart(_ITERATIONS)
+    ksp.pc.setType(PETSc.PC.Type.PYTHON)
+    ksp.pc.setPythonContext(_Factors(linear.ksp.pc, is_transposed=is_transposed and is_direct))
+    given, r = b.copy(), b.duplicate()
+    if director is not None:
+        (director.enter_transposed if is_transposed else director.enter)(given)
+    with linear.options.blamed():
+        ksp.solve(given, x)
+    operator.mult(x, r)
+    r.axpy(-1.0, given)
+    residual = norm(r) * (norm(b) / (norm(given) or 1.0))
+    if director is not None:
+        (director.leave_transposed if is_transposed else director.to_nodes)(x)
+    for part in (ksp, given, r, *([operator] if is_transposed else [])):
+        part.destroy()
+    return residual if residual == residual else float("inf")  # NaN of failed factors
+
+
+class _Factors:
+    """Preconditioner of PETSc by the factors of another solver, or their transpose."""
+
+    def __init__(self, pc: PETSc.PC, *, is_transposed: bool) -> None:
+        self._pc, self._is_transposed = pc, is_transposed
+
+    def apply(self, _: Any, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        if self._is_transposed:
+            self._pc.applyTranspose(x, y)
+        else:
+            self._pc.apply(x, y)

@@ -1,0 +1,133 @@
+"""A job's equations at its solution, with what products with their derivatives need: maps, fields, quantities."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import JobError
+from hpcinv.job.job import Job
+from hpcinv.job.sections import QuantityOfInterest, Shell
+from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh.cells import LayerDegree
+from hpcinv.mesh.source import Floats
+from hpcinv.results.solution import Solution
+from hpcinv.solver.equations import Equations
+from hpcinv.trust.sensitivity.analysis import node_rates
+from hpcinv.trust.sensitivity.field_parameters import FieldParameter, field_parameter
+from hpcinv.trust.sensitivity.point_maps import PointMaps
+from hpcinv.trust.sensitivity.quantity_covectors import PointSlopes, point_slopes, refusal_of
+from hpcinv.trust.sensitivity.quantity_forms import QuantityForm
+from hpcinv.trust.sensitivity.support_rates import SupportRates
+from hpcinv.trust.sensitivity.variations import Variations
+
+SHAPE, NODES = "shape", "nodes"
+
+
+def refusal(job: Job, solution: Solution) -> str:
+    """Return why a solution has no derivatives by products; empty if it has."""
+    if job.states:
+        return "jobs with 'states' are not supported; run the states one by one"
+    if job.all_interfaces or not job.has_derivatives:
+        return "bodies in contact are not supported"
+    if solution.constraints:
+        return "jobs with unknown numbers of loads or supports are not supported; give these numbers"
+    return ""
+
+
+class Linearised:
+    """A job's equations, put into its first solution."""
+
+    def __init__(self, equations: Equations, solution: Solution, job: Job, caller: str) -> None:
+        self._caller, self._job = caller, job
+        if reason := refusal(job, solution):
+            raise self._error(reason)
+        self._equations, self._solution = equations, solution
+        equations.put(solution)
+        self._weak_form = equations.weak_form(solution.direction)
+        self._unknowns, self._length = equations.unknowns, equations.scales.length
+        self.maps: PointMaps = self._kept("maps", lambda: PointMaps(equations.body, equations.unknowns))
+        self._comm = self.maps.comm
+        self._parameters = [p for p in job.differentiated if p.where in job.owners or isinstance(p.owner, Shell)]
+        self._quantities = {q.name: q for q in job.quantities}
+
+    def _kept(self, name: str, make: Any) -> Any:
+        """Return what was made for the weak form before, or make it."""
+        kept = self._weak_form.derived
+        if name not in kept:
+            kept[name] = make()
+        return kept[name]
+
+    def _error(self, text: str) -> JobError:
+        where = self._job.path or "job"
+        return JobError(f"{where}: {self._caller}: {text}")
+
+    def _fault_of(self, quantity: QuantityOfInterest) -> str:
+        if reason := refusal_of(quantity):
+            return reason
+        is_layered = isinstance(self._equations.quadrature_degree, LayerDegree)
+        is_simple = quantity.fields.issubset({"J"}) and quantity.at is None
+        return "is of a field in the layers of a shell" if is_layered and quantity.fields and not is_simple else ""
+
+    def _array(self, given: Any, shape: tuple[int, ...], what: str) -> Floats:
+        try:
+            array = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self._error(f"{what} is not an array of numbers") from None
+        if array.shape != shape:
+            raise self._error(f"{what} must have the shape {shape}, not {array.shape}")
+        if not np.isfinite(array).all():
+            raise self._error(f"{what} has values that are not finite")
+        return array
+
+    def _form_of(self, name: str) -> Variations:
+        quantity, scales = self._quantities[name], self._equations.scales
+        key = f"quantity {quantity.model_dump_json()} {scales}"
+        form: QuantityForm = self._kept(key, lambda: QuantityForm(quantity, self._equations, self._weak_form))
+        return form.linearised()
+
+    def _slopes_of(self, name: str) -> PointSlopes:
+        return point_slopes(self._quantities[name], self._equations, self._solution, self.maps)
+
+    def _point_gradients(self, name: str) -> list[tuple[Floats, Floats]]:
+        """Return derivatives by the displacement's nodes and by the mesh's nodes, of each component of a quantity."""
+        count, found = len(self._unknowns.displacement_dofs_of_nodes), self._slopes_of(name)
+        local = len(self._equations.body.source_geometry.x)
+        gradients = []
+        for by_u, by_position in zip(found.by_displacement, found.by_position, strict=True):
+            if found.position is not None:
+                at_mesh = found.position.at_nodes(by_position, local)
+            else:
+                at_mesh = np.zeros((local, 3))
+                at_mesh[found.displacement.points] = by_position
+            gradients.append((found.displacement.at_nodes(by_u, count), self.maps.summed(at_mesh)))
+        return gradients
+
+    @cached_property
+    def _supports(self) -> SupportRates:
+        return SupportRates(self._equations, self._solution)
+
+    def _node_rates(self, parameter: Parameter) -> Floats:
+        """Return rates (n, 3) of the local nodes of the mesh by a number of a shell."""
+        rates = node_rates(self._job, self._equations.body, [parameter])[parameter.key]
+        return self.maps.source_positions(rates)
+
+    def _field(self, key: str) -> FieldParameter:
+        found = field_parameter(key, self._equations, self._weak_form, self.maps)
+        if isinstance(found, str):
+            raise self._error(found)
+        return found
+
+    def _field_of(self, parameter: Parameter) -> FieldParameter:
+        return FieldParameter.of_number(parameter, self._equations, self._weak_form, self.maps)
+
+    def _fault_of_nodes(self) -> str:
+        if self._equations.body.source.body_kind == "shell":
+            return "derivatives by the nodes of a shell are not supported"
+        if self._equations.supports.slides:
+            return "derivatives by nodes are not supported with supports that slide: hold axes ('fix: [x]') instead"
+        if any(family.rule is not None for family in self._job.fibres.values() if hasattr(family, "rule")):
+            return "derivatives by nodes are not supported with fibres by a rule, which would turn with the nodes"
+        return ""

@@ -1,0 +1,228 @@
+"""``vjp`` and ``jvp`` of a result: central differences of whole runs, and the derivatives under ``sensitivities``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.moved_meshes import write_block
+from helpers.verification import box, job
+
+import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import JobError
+from hpcinv.mesh.body import whole_in_source_order
+from hpcinv.output.result import Result
+from hpcinv.solver.workspace import Workspace
+
+STEP = 1e-4  # relative; of second order, so that differences have an error of about 1e-8
+WITHIN = 1e-6
+POINTS = [("point", "displacement", 7), ("place", "X*z/(1 m) + uy", 9), ("there", "sxx - p", 11)]
+"""name, formula, and number of the cell that has the point in its middle"""
+QUANTITIES: list[dict[str, Any]] = [
+    {"name": "height", "of": "Z + x*ux/(1 m)", "on": "z1", "reduce": "mean"},
+    {"name": "size", "of": "norm(X, y, z)", "on": "x1", "reduce": "rms"},
+    {"name": "energy", "of": "energy", "on": "block", "reduce": "integral", "over": "reference"},
+    {"name": "stress", "of": "von_mises", "on": "block", "reduce": "rms"},
+    {"name": "area", "of": "nx*J", "on": "z1", "reduce": "mean", "over": "current"},
+]
+WEIGHTS: dict[str, Any] = {
+    "height": 2.0,
+    "size": -1.3,
+    "energy": 3e-4,
+    "stress": 2e-4,
+    "there": 1e-4,
+    "place": 1.1,
+    "area": 0.6,
+}
+NUMBERS = {
+    "effects[0].density": 90.0,
+    "effects[1].pressure": 150.0,
+    "supports[0].constants.k": 0.02,
+}
+
+
+class Case:
+    """A block with moduli by cell, fibres by node, and numbers; each may be replaced."""
+
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        directory: Path,
+        analysis: str,
+        formulation: str = "displacement",
+        *,
+        fibres: bool = True,
+        **mesh: Any,
+    ) -> None:
+        self.comm, self.directory, self.analysis, self._mesh = comm, directory, analysis, mesh
+        self.formulation, self.fibres = formulation, fibres
+        points, middles = write_block(comm, directory / "block.vtu", **mesh)
+        self.nodes, self.cells = len(points), len(middles)
+        random = np.random.default_rng(4)
+        self.numbers = NUMBERS | ({} if fibres else {"material.lam": 4e3})
+        self.values: dict[str, Any] = {
+            "material.lam": 0.0,
+            **self.numbers,
+            "material.mu": 2e3 * random.uniform(0.7, 1.4, self.cells),
+            "fibres.f.direction": np.array([1, 0.3, 0.2]) + 0.2 * random.normal(size=(self.nodes, 3)),
+            "nodes": np.zeros((self.nodes, 3)),
+        }
+        self.directions = {
+            key: random.normal(size=np.shape(value)) * np.abs(value).mean() if np.ndim(value) else abs(float(value))
+            for key, value in self.values.items()
+        } | {"nodes": 0.05 * random.normal(size=(self.nodes, 3))}
+        self.covector = WEIGHTS | {"shape": random.normal(size=(self.nodes, 3)), "point": [1.0, -2.0, 3.0]}
+
+    def run(self, workspace: Workspace | None = None, **replaced: Any) -> Result:
+        values = self.values | replaced
+        arrays = {"mu": values["material.mu"], "a": values["fibres.f.direction"]}
+        file = self.directory / "block.vtu"
+        _, middles = write_block(self.comm, file, moved=values["nodes"], arrays=arrays, **self._mesh)
+        points = [{"name": name, "of": of, "at": middles[cell].tolist()} for name, of, cell in POINTS]
+        law: dict[str, Any] = {"law": "neo-hookean", "mu": {"data": "mu"}, "lam": values["material.lam"]}
+        if self.fibres:
+            law |= {"law": "holzapfel-gasser-ogden", "kappa": 9e3, "k1": 800.0, "k2": 0.8}
+            law |= {"dispersion": 0.1, "fibres": ["f"]}
+            del law["lam"]
+        posed = job(
+            analysis=self.analysis,
+            mesh={"file": str(file)},
+            material=law,
+            fibres={"f": {"data": "a", "given_on": "current"}} if self.fibres else {},
+            effects=[
+                {"effect": "gravity", "acceleration": [2, 0, -9.81], "density": values["effects[0].density"]},
+                {"effect": "pressure", "region": "x1", "pressure": values["effects[1].pressure"]},
+            ],
+            supports=[
+                {
+                    "region": "x0",
+                    "displacement": ["k*y*z/(1 m)", 0, "k*y"],
+                    "constants": {"k": values["supports[0].constants.k"]},
+                }
+            ],
+            discretisation={"displacement": self._mesh.get("degree", 1), "formulation": self.formulation},
+            solver={"tolerance": 1e-13},
+            quantities=QUANTITIES + points,
+            sensitivities=list(self.numbers),
+        )
+        return hpcinv.run(posed, self.comm, workspace=workspace, progress=False)
+
+    def total(self, result: Result) -> float:
+        """Weighted sum of all results."""
+        shape = float((self.covector["shape"] * result.shape_in_file).sum())
+        return shape + sum(float(np.dot(w, result.quantities[n])) for n, w in self.covector.items() if n != "shape")
+
+    def difference(self, key: str) -> float:
+        """Central difference of the sum along the direction of one key."""
+        ends = [self.total(self.run(**{key: self.values[key] + s * STEP * self.directions[key]})) for s in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * STEP)
+
+
+def check(case: Case, keys: list[str]) -> None:
+    """Compare both products with differences along each direction, and with each other."""
+    with Workspace(case.comm) as workspace:
+        result = case.run(workspace)
+        fields = [key for key in keys if key not in case.numbers and key != "nodes"]
+        gradient = result.vjp(case.covector, [*fields, "effects[1].pressure"], nodes=True)
+        assert gradient.nodes is not None
+        assert gradient.nodes.shape == (case.nodes, 3)
+        found = {key: gradient.numbers[key] * case.directions[key] for key in case.numbers}
+        found |= {key: float((gradient.fields[key] * case.directions[key]).sum()) for key in fields}
+        found["nodes"] = float((gradient.nodes * case.directions["nodes"]).sum())
+        by_facet = gradient.fields["effects[1].pressure"]
+        assert by_facet.sum() == pytest.approx(gradient.numbers["effects[1].pressure"], rel=1e-9)
+        chosen = {key: case.directions[key] for key in keys} | {
+            "effects[1].pressure": np.arange(1.0, len(by_facet) + 1)
+        }
+        along = result.jvp(chosen)
+        total = sum(float(np.sum(np.multiply(w, along[name]))) for name, w in case.covector.items())
+        expected = sum(found[key] for key in keys if key != "effects[1].pressure")
+        assert total == pytest.approx(expected + float(by_facet @ chosen["effects[1].pressure"]), rel=1e-8)
+    for key in keys:
+        difference = case.difference(key)
+        print(f"{case.analysis} {key}: {found[key]:.10g}, by differences {difference:.10g}")
+        assert found[key] == pytest.approx(difference, rel=WITHIN), key
+
+
+@pytest.mark.parallel([1, 3])
+def test_an_inverse_solution_by_fields_nodes_and_numbers(comm: MPI.Intracomm, run_directory: Path) -> None:
+    case = Case(comm, run_directory, "inverse", fibres=False)
+    check(case, ["material.mu", "nodes"] if comm.size > 1 else ["material.lam", "supports[0].constants.k"])
+
+
+@pytest.mark.release
+@pytest.mark.parallel([2])
+@pytest.mark.parametrize("analysis", ["inverse", "forward", "round-trip"])
+@pytest.mark.parametrize("mesh", [{"degree": 2}, {"hexahedra": True}, {"degree": 2, "hexahedra": True}])
+def test_other_solutions(comm: MPI.Intracomm, run_directory: Path, analysis: str, mesh: dict[str, Any]) -> None:
+    case = Case(comm, run_directory, analysis, **mesh)
+    check(case, ["material.mu", "fibres.f.direction", "nodes", *case.numbers])
+
+
+def small(**data: Any) -> Any:
+    common: dict[str, Any] = {
+        "analysis": "inverse",
+        "mesh": box((1, 1, 1)),
+        "material": {"law": "neo-hookean", "mu": 2e4, "poisson": 0.3},
+        "effects": [{"effect": "pressure", "region": "x1", "pressure": 500}],
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+        "discretisation": {"displacement": 1},
+        "sensitivities": ["material.mu"],
+        "quantities": [
+            {"name": "tip", "of": "X", "on": "x1", "reduce": "mean"},
+            {"name": "force", "of": "reaction", "on": "x0"},
+            {"name": "most", "of": "sxx", "on": "block", "reduce": "max"},
+        ],
+    }
+    return job(**(common | data))
+
+
+@pytest.mark.parametrize(
+    ("covector", "fields", "message"),
+    [
+        ({"tipp": 1.0}, [], r"vjp: unknown result 'tipp'\. Did you mean 'tip'\?"),
+        ({"shape": np.zeros((7, 3))}, [], r"vjp: the covector of 'shape' must have the shape \(8, 3\), not \(7, 3\)"),
+        ({"tip": [1.0, 2.0]}, [], r"vjp: the covector of 'tip' must have the shape \(\), not \(2,\)"),
+        ({"tip": "much"}, [], "vjp: the covector of 'tip' is not an array of numbers"),
+        ({"tip": np.nan}, [], "vjp: the covector of 'tip' has values that are not finite"),
+        ({"force": [1.0, 0.0, 0.0]}, [], "vjp: 'force' is a reaction or a result of contact, which has no derivative"),
+        ({"most": 1.0}, [], "vjp: 'most' is a largest value over quadrature points; take 'mean', 'rms' or 'integral'"),
+        ({"tip": 1.0}, ["material.nu"], r"vjp: fields: material\.nu is not a number .*"),
+        ({"tip": 1.0}, ["nodes"], r"vjp: fields: nodes is not a number .*"),
+    ],
+)
+def test_wrong_covectors_are_one_message(covector: Any, fields: list[str], message: str, comm: MPI.Intracomm) -> None:
+    result = hpcinv.run(small(), comm, progress=False)
+    with pytest.raises(JobError, match=message):
+        result.vjp(covector, fields)
+
+
+def test_wrong_directions_are_one_message(comm: MPI.Intracomm) -> None:
+    result = hpcinv.run(small(), comm, progress=False)
+    for direction, message in (
+        ({"material.mu": np.ones(3)}, r"jvp: the direction of 'material\.mu' must have the shape \(6,\), not \(3,\)"),
+        ({"nodes": 1.0}, r"jvp: the direction of 'nodes' must have the shape \(8, 3\), not \(\)"),
+        ({"material.lambda": 1.0}, r"jvp: fields: material\.lambda is not a number"),
+    ):
+        with pytest.raises(JobError, match=message):
+            result.jvp(direction)
+
+
+def test_products_with_sensitivities_of_a_run(comm: MPI.Intracomm) -> None:
+    """Without a workspace, and for a number that others change with."""
+    scaled = {"material.mu": {"scale": ["effects[0].pressure"]}}
+    weight = {"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 100}
+    effects = [{"effect": "pressure", "region": "x1", "pressure": 500}, weight]
+    result = hpcinv.run(small(sensitivities=scaled, effects=effects), comm, progress=False)
+    assert result.sensitivities is not None
+    weights = np.random.default_rng(3).normal(size=(8, 3))
+    nodes = whole_in_source_order(result.body, result.sensitivities.nodes["material.mu"])
+    expected = (weights * nodes).sum() + result.sensitivities.slopes["tip"]["material.mu"]
+    gradient = result.vjp({"shape": weights, "tip": 1.0})
+    assert gradient.numbers == pytest.approx({"material.mu": expected}, rel=1e-9)
+    along = result.jvp({"material.mu": 2.0})
+    np.testing.assert_allclose(along["shape"], 2 * nodes, rtol=0, atol=1e-9 * np.abs(nodes).max())
+    assert set(along) == {"shape", "tip"}
