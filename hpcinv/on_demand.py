@@ -35,6 +35,7 @@ FUNCTIONS = {
     "function of a file": "hpcinv.output.function_files:read_function",
     "geometry of a CAD surface": "hpcinv.mesh.refine.finer_geometry:surface_geometry",
     "geometry of a mesh file": "hpcinv.mesh.refine.finer_geometry:file_geometry",
+    "contact of least energy": "hpcinv.trust.intervals.least_energy:solve_least_energy",
     "interfaces": "hpcinv.model.interfaces.pair:pairs_of",
     "kernel in NumPy": "hpcinv.physics.points.array_interpreter:ArrayKernel",
     "lowest eigenvalue": "hpcinv.trust.stability.lowest_eigenvalue:lowest_eigenvalue",

@@ -120,6 +120,9 @@ def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[
 
 def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl) -> _Solved:
     """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
+    if step.direction == "inverse" and any(i.assumed and i.assumed.searched_from for i in step.job.interfaces):
+        searched: _Solved = on_demand("contact of least energy")(step, equations, control)
+        return searched
     if number == 0 and start.is_unloaded and _may_begin_coarser(equations, step.direction):
         solved: _Solved = on_demand("nested iteration")(equations, step.direction, control.solves, control.note)
         return solved

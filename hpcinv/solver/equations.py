@@ -121,6 +121,8 @@ class Equations(DiscreteModel):
                 # Kept tangents would lose the pressure that friction needs.
                 reuse=0.0 if weak_form.contacts.depends_on_path or not solver.reuse_tangent else 0.3,
             )
+        for pins in weak_form.contacts.pins:
+            pins.begin()
         equilibrium.linear.options.restore()
         weak_form.passages.forget()
         equilibrium.system.timings, equilibrium.observer = self.timings, observer

@@ -33,6 +33,11 @@ def pins_of(job: Job, body: Body, supports: Supports, weak_form: WeakForm) -> li
     loose = [pair for pair in pairs if pair.spec.kind != "tied"]
     if not loose or any(effect.holds for effect in job.effects):
         return []
+    if weak_form.kinematics.sign < 0 and any(pair.spec.assumed and pair.spec.assumed.searched_from for pair in loose):
+        found = pins_of_loose_parts(job, body, supports, weak_form)
+        for pins in found:
+            pins.follows = True
+        return found
     count, labels = joined_parts(body, [i for i in job.interfaces if i.kind == "tied"], *parts_of(body))
     parts = [_pins(label, labels, body, loose, weak_form) for label in _free_parts(body, supports, count, labels)]
     return [pins for pins in parts if pins is not None and pins.count]

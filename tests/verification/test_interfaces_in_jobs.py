@@ -31,6 +31,7 @@ KINDS: dict[str, tuple[dict[str, Any], list[str]]] = {
     "tied": ({"kind": "tied"}, ["inverse", "forward"]),
     "sliding": ({"kind": "sliding"}, ["forward", "inverse"]),
     "conforming": ({"kind": "contact", "closure": "conforming"}, ["inverse", "forward"]),
+    "least": ({"kind": "contact", "closure": "least-energy"}, ["inverse", "forward"]),
     "pressure": ({"kind": "contact", "closure": "pressure", "pressure": "0.02*(1 + x)"}, ["inverse", "forward"]),
     "given": ({"kind": "contact", "closure": "given"}, ["forward", "inverse"]),
 }
@@ -61,7 +62,13 @@ def results_of(result: Result) -> np.ndarray:
 @pytest.mark.parallel(2)
 @pytest.mark.parametrize(
     ("kind", "from_end"),
-    [("tied", 8), pytest.param("sliding", 2, marks=pytest.mark.release), ("conforming", 12), ("given", 2)],
+    [
+        ("tied", 8),
+        pytest.param("sliding", 2, marks=pytest.mark.release),
+        ("conforming", 12),
+        ("given", 2),
+        pytest.param("least", 2, marks=pytest.mark.release),
+    ],
 )
 def test_stopped_runs_resume_on_another_number_of_ranks(
     kind: str, from_end: int, comm: MPI.Intracomm, run_directory: Path

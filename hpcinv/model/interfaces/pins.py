@@ -38,6 +38,7 @@ class Pins:
     Attributes:
         count: number of motions that pressure does not hold.
         places: ``c₀`` (count,), scaled; 0 unless it is set.
+        follows: whether the part stays where the state is that a solve begins with: pressures are given.
         balance: force of the springs in the last solution, by the contact's.
         version: number of the pattern of `stiffness`, which is constant.
     """
@@ -53,6 +54,7 @@ class Pins:
         comm: MPI.Intracomm,
     ) -> None:
         self.region, self._unknowns, self._comm, self.balance = region, unknowns, comm, 0.0
+        self.follows = False
         places, numbers = _in_order(*points)
         self._middle = places.mean(axis=0)
         self._size = float(np.linalg.norm(places - self._middle, axis=1).max())
@@ -98,6 +100,11 @@ class Pins:
         self._matrix.multTranspose(self._left, self._right)
         forces: Floats = STIFFNESS * self._size * self._right.array
         return forces
+
+    def begin(self) -> None:
+        """Let the part stay where it is in the present state, if it follows."""
+        if self.follows:
+            self.places = self.motion(self._unknowns.state.x.petsc_vec)
 
     def along(self, direction: Floats) -> Floats:
         """Return the motion (count,) that is nearest to a translation along a direction (3,)."""

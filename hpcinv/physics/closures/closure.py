@@ -1,6 +1,7 @@
 """Base class of closures: assumptions that determine the contact pressure on a given deformed shape."""
 
 from abc import ABC
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 from hpcinv.base.quantity.schema import Faults
@@ -23,6 +24,8 @@ class Closure(ABC):
         friction: whether it is for contact without friction, with it, or for both.
         bound: of tangential tractions that the solve finds: ``coulomb`` friction times pressure, ``rough`` none where
             bodies press; ``unbounded`` for given ones.
+        searched_from: closures without and with friction whose solution begins a search for the pressure; empty if
+            there is none.
     """
 
     name: ClassVar[str]
@@ -33,6 +36,7 @@ class Closure(ABC):
     leaves_open: ClassVar[str] = ""
     friction: ClassVar[Literal["without", "with", "both"]] = "both"
     bound: ClassVar[Bound] = "unbounded"
+    searched_from: ClassVar[Mapping[Literal["without", "with"], str]] = {}
 
     @classmethod
     def faults(cls, contact: Any) -> Faults:

@@ -10,7 +10,7 @@ from hpcinv.base.quantity import Faults, Length, StiffnessField, StressField, Su
 from hpcinv.base.quantity.nondimensional import LengthsOfBody
 from hpcinv.base.quantity.quantity import Size
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.physics.closures import ClosureName, contradicting_closure
+from hpcinv.physics.closures import CLOSURES, ClosureName, contradicting_closure
 from hpcinv.physics.closures.known import Known
 from hpcinv.physics.effects.effect import Direction, Effect, Kinematics
 from hpcinv.physics.effects.obstacles import AnyObstacle
@@ -91,6 +91,8 @@ class Contact(Effect):
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         yield from contradicting_closure(self, () if self.friction else ("pressure",))
+        if self.closure is not None and CLOSURES[self.closure].searched_from:
+            yield ("closure",), f"'{self.closure}' is for interfaces: choose another one on a rigid obstacle"
         if self.is_paired:
             text = "is not valid with 'friction' or a 'closure', which have a rigid obstacle and no such number"
             names = ("stiffness", "penalty", "penetration")

@@ -92,6 +92,24 @@ class AdmissibleTractions:
         left = 0.0 if self.unbalanced is None else float(np.abs(self.unbalanced[0]).max(initial=0.0))
         return max(0.0, -float(self.gaps.min(initial=0.0)), left)
 
+    def rows(self, origin: Floats) -> tuple[Floats, Floats]:
+        """Return matrix A and bounds b of all inequalities ``A dz ≤ b`` of changes dz from numbers (n,)."""
+        rows, limits = self._rows([[cone.directions(self.values)] for cone in self.cones])
+        low, high = self._lowest, self.greatest
+        unit = np.eye(len(origin))
+        is_low, is_high = np.isfinite(low), np.isfinite(high)
+        A = np.concatenate([rows.toarray(), -unit[is_low], unit[is_high]])
+        b = np.concatenate([limits, -low[is_low], high[is_high]])
+        kept = np.isfinite(b)
+        return A[kept], (b - A @ origin)[kept]
+
+    @property
+    def balance(self) -> tuple[Floats, Floats]:
+        """Matrix E and right side e of ``E dz = e``: changes after which all parts are in balance."""
+        if self.unbalanced is None:
+            return np.zeros((0, len(self.values))), np.zeros(0)
+        return self.unbalanced[1], -self.unbalanced[0]
+
     @property
     def is_locked(self) -> bool:
         """Whether tractions can grow without bound, but pressures without friction cannot."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array, vstack
 
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
@@ -31,6 +32,7 @@ from hpcinv.solver.free_parts import pins_of_loose_parts
 from hpcinv.trust.intervals.admissible_tractions import AdmissibleTractions
 from hpcinv.trust.intervals.lifts import Lifts
 from hpcinv.trust.intervals.position_slopes import is_of_positions, position_slopes
+from hpcinv.trust.intervals.stored_energy import StoredEnergy, stored_energy
 from hpcinv.trust.intervals.varied_tractions import VariedTractions
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 from hpcinv.trust.sensitivity.slopes import Change, slopes
@@ -45,26 +47,38 @@ class Pressed:
     Attributes:
         values, slopes: of the quantities (SI), and their derivatives (n,) by the numbers (scaled).
         near: numbers that are admissible near these.
-        shape: local geometry nodes (m) of the unloaded bodies.
+        solution: with these tractions.
+        energy: of the bodies, where it is asked for.
     """
 
     values: Mapping[str, float]
     slopes: Mapping[str, Floats]
     near: AdmissibleTractions
-    shape: Floats
+    solution: Solution
+    energy: StoredEnergy | None = None
+
+    @property
+    def shape(self) -> Floats:
+        """Local geometry nodes (m) of the unloaded bodies."""
+        return self.solution.other_nodes
 
 
 class PressedBodies:
     """Solves of the given shape with given contact tractions. Methods are collective.
 
+    Args:
+        with_energy: whether solves have the stored energy.
+
     Attributes:
         units: SI units by the names of the job's quantities, and of force and mean rest gap of each interface.
+        comm: of the body.
         count: number of pressures and tangential tractions.
         start: numbers (scaled) of the solution: tractions of each interface, and places of free parts.
     """
 
-    def __init__(self, equations: Equations, solution: Solution) -> None:
+    def __init__(self, equations: Equations, solution: Solution, *, with_energy: bool = False) -> None:
         self._scales, self._body, self._solution = equations.scales, equations.body, solution
+        self._with_energy, self.comm = with_energy, equations.body.mesh.comm
         wanted = [q for q in solution.job.quantities if not q.is_reaction]
         computed = evaluate(wanted, self._body, solution, equations)
         self._quantities = [q for q in wanted if isinstance(computed[q.name], float)]
@@ -137,10 +151,11 @@ class PressedBodies:
             contacts=contacts,
         )
         self._fields = solution.fields
-        near, changes = self._linearised(equilibrium, solution, values)
+        near, changes, stiffness = self._linearised(equilibrium, solution, values)
         equations.release(equilibrium)
         if self._point_fields is None:
             self._point_fields = fields_for(self._quantities, self._body, equations.weak_form("inverse"), self._scales)
+        energy = stored_energy(equations, solution, [c for _, c in changes], stiffness) if self._with_energy else None
         equations.put(solution)
         found = values_of(self._quantities, self._body, solution, self._point_fields, self._places)
         own_values, own_slopes = self._of_interfaces(near)
@@ -148,7 +163,8 @@ class PressedBodies:
             {q.name: float(found[q.name]) for q in self._quantities} | own_values,  # type: ignore[arg-type]
             self._slopes(solution, changes) | own_slopes,
             near,
-            solution.other_nodes,
+            solution,
+            energy,
         )
 
     def _slopes(self, solution: Solution, changes: Sequence[tuple[Parameter, Change]]) -> dict[str, Floats]:
@@ -187,7 +203,8 @@ class PressedBodies:
 
     def _linearised(
         self, equilibrium: Equilibrium, solution: Solution, values: Floats
-    ) -> tuple[AdmissibleTractions, list[tuple[Parameter, Change]]]:
+    ) -> tuple[AdmissibleTractions, list[tuple[Parameter, Change]], Floats]:
+        """Return what is admissible near the values, changes by each of them, and ``Fᵀ K⁻¹ F`` of their forces."""
         equations, system = self._equations, equilibrium.system
         system.set_load(1.0)
         numbers = FollowedNumbers(equations, solution, equilibrium)
@@ -196,10 +213,13 @@ class PressedBodies:
         measured = [pair.node_gaps(loaded=False) for pair in contacts.pairs if pair.assumes_pressure]
         unchanged = system.weak_form.parameters.direction({})
         columns, motions, changes = list[Floats](), list[Floats](), list[tuple[Parameter, Change]]()
-        for number, forces in enumerate(self._unit_forces(contacts.pins)):
-            b.array[:] = forces
+        all_forces = csr_array(vstack([csr_array(f[None, :]) for f in self._unit_forces(contacts.pins)]))
+        products = list[Floats]()
+        for number in range(all_forces.shape[0]):
+            b.array[:] = all_forces[[number]].toarray()[0]
             equations.supports.free(b.array)
             found = numbers.solve(b, np.zeros(numbers.count), x)
+            products.append(all_forces @ x.array)
             columns.append(-np.concatenate([gaps.rates(x) for gaps in measured]))
             motions.append(np.concatenate([np.zeros(0), *(pin.motion(x) for pin in contacts.pins)]))
             system.set_state(x)
@@ -218,7 +238,8 @@ class PressedBodies:
         compliance, unbalanced = np.array(columns).T, None
         if left:
             unbalanced = np.concatenate(left), np.array(motions).T - self._lifts.place_rates(len(values))
-        return self._admissible(values, found_gaps, compliance, unbalanced), changes
+        stiffness = self._body.mesh.comm.allreduce(np.array(products))
+        return self._admissible(values, found_gaps, compliance, unbalanced), changes, stiffness
 
     def _unit_forces(self, pins: Sequence[Pins]) -> Iterator[Floats]:
         """Yield the nodal forces (owned unknowns, scaled) of a unit of each number."""

@@ -68,7 +68,7 @@ class ReferenceChange:
         return replace(
             state,
             mesh_nodes=state.mesh_nodes + step * self.nodes,
-            given_displacement=_moved(state.given_displacement, self.given_displacement, step),
+            given_displacement=shifted(state.given_displacement, self.given_displacement, step),
         )
 
 
@@ -115,8 +115,8 @@ def slopes(
         moved = replace(
             moved,
             u=solution.u + shift * change.u,
-            displacement=_moved(solution.displacement, change.displacement, shift),
-            pressure=_moved(solution.pressure, change.pressure, shift),
+            displacement=shifted(solution.displacement, change.displacement, shift),
+            pressure=shifted(solution.pressure, change.pressure, shift),
             constraints=tuple(_reports(solution, shift * change.numbers)),
         )
         if change.reference is not None or solution.constraints or not solution.contacts:
@@ -173,7 +173,7 @@ def _reports(solution: Solution, step: Floats) -> Iterator[ConstraintReport]:
         first += report.count
 
 
-def _moved(function: fem.Function | None, rate: fem.Function | None, step: float) -> Any:
+def shifted(function: fem.Function | None, rate: fem.Function | None, step: float) -> Any:
     """Return a function a step along its rate; the function itself where there is no rate."""
     if function is None or rate is None:
         return function
