@@ -6,7 +6,7 @@ from weakref import WeakMethod
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that calls a bound method and does not keep its object, whose part the PETSc object is."""
+    """Return a function that calls a bound method, but does not keep the object alive that owns the PETSc object."""
     reference = WeakMethod(method)
 
     def call(*arguments: Any, **further: Any) -> Any:

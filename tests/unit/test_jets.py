@@ -164,7 +164,7 @@ def test_the_tangent_at_rest_is_finite_and_right(name: str) -> None:
 FORMULAS = [
     "x*y + 3*x - y/x",
     "(x + y)**3/(2 - x*x)",
-    "x**-4 - 2*y**2 + y**7",
+    "x**-4 - 2*y**2 + y**7 + y**0",
     "x**0.3 + x**(2*y) + 2**y",
     "(x - 2)**5",
     "exp(2*x) + log(3*x) - ln(x + y)",
@@ -247,6 +247,14 @@ def test_the_order_of_a_remainder_shows_whether_it_has_a_kink(text: str, order: 
     strains = Strains(FLOATS, {"t": 1e-3})
     y = Jet(strains, ZERO, {"t": Coefficient.literal(2.0)}, 0.0, 2)
     assert Expression(text).apply({"y": y}, JET_FUNCTIONS, strains.number).order == order
+
+
+def test_a_power_of_a_strain_becomes_at_most_a_thousand_factors() -> None:
+    strains = Strains(FLOATS, {"t": 0.5})
+    y = Jet(strains, ZERO, {"t": Coefficient.literal(2.0)}, 0.0, 2)
+    assert Expression("y**1000").apply({"y": y}, JET_FUNCTIONS, strains.number).change == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="raises a strain to the power 1001, and the largest is 1000"):
+        Expression("y**1001").apply({"y": y}, JET_FUNCTIONS, strains.number)
 
 
 def test_rounding_errors_of_coefficients_are_zero() -> None:

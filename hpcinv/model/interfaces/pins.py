@@ -67,7 +67,7 @@ class Pins:
         rows = np.repeat(np.arange(self.count), 3 * len(chosen))
         columns = np.tile(numbers[chosen].ravel(), self.count)
         self._owned = unknowns.space.dofmap.index_map.size_local * unknowns.space.dofmap.index_map_bs
-        own = slice(None if comm.rank == 0 else 0)  # all have the entries, and one rank adds them
+        own = slice(None if comm.rank == 0 else 0)  # every rank has computed the entries; only rank 0 adds them
         sizes = (PETSc.DECIDE, self.count), (self._owned, PETSc.DETERMINE)
         entries = (rows[own], columns[own])
         self._matrix = matrix_of_entries(comm, *sizes, entries, self._rates.ravel()[own])

@@ -76,7 +76,7 @@ def _by_domain(form: Any) -> dict[tuple[int, int], dict[str, tuple[Any, list[Any
 
 
 def _with_degrees(integrals: Sequence[Any]) -> list[Any]:
-    """Return integrals of which those without a quadrature degree have the one that UFL estimates, as by FFCx."""
+    """Return the integrals; those without a quadrature degree get the one that UFL estimates, as FFCx does."""
     given = [
         i for i in integrals if i.metadata().get("quadrature_degree", -1) != -1 or "quadrature_rule" in i.metadata()
     ]

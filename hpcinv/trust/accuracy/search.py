@@ -30,10 +30,10 @@ from hpcinv.trust.discretisation.finer_solid import one_degree_more
 from hpcinv.trust.discretisation.singular_edges import singular_edges
 
 USABLE = 0.7  # share of the free memory before the first mesh is made
-LEAST = 50e6  # bytes, below which the memory that was used is not a basis of a prediction
+LEAST = 50e6  # bytes; from less memory in use, no prediction is made
 MOST_STEPS = 15
 MOST_TRIES = 5  # meshes that are made to find one within the limit of unknowns; more take longer to find none
-SAFELY = 0.5  # share of the limit below which unknowns are not counted; raised, a mesh may have more than allowed
+SAFELY = 0.5  # share of the limit up to which unknowns are not counted; if larger, a mesh may exceed the limit
 INTERFACE = 1.0  # order of errors by the border of a region that moves with the mesh; a larger one promises less error
 MOSTLY = 0.5  # share of the error at singular edges from which lines name them; a larger one names fewer
 TESTED = 0.1  # share of the error at singular edges from which one mesh proves nothing; a larger one trusts more

@@ -85,7 +85,7 @@ def _line(estimated: Estimate, scale: float, scale_note: str, deviation: float) 
             note += ", and a solve in spaces of one degree more takes too long: raise discretisation.displacement"
         return replace(line, note=note, verdict=Verdict.UNDECIDED)
     verdict, doubt = line.verdict, estimated.limit.doubt if estimated.limit else ""
-    # Of errors that nearly cancel, the estimate may show a tenth.
+    # Where errors of opposite signs nearly cancel, the estimate may be a tenth of the error.
     if doubt and verdict is Verdict.PASS and UNRELIABLE * (line.value or 0.0) > WARN:
         verdict = Verdict.UNDECIDED
     parts = [*_remarks(estimated), doubt]

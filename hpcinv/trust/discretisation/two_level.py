@@ -2,13 +2,13 @@
 
 The linear system ``K δ = -R(u_h)`` of these spaces is solved to the accuracy that an estimate needs. K is applied by
 its moduli (`hpcinv.model.assembly.tangent_product`), which are those at the solution, on the geometry of its mesh: a
-finer one changes K as little as the shape of cells. What surface integrals add, and all of a residual without moduli,
-is applied by differences of the residual. The preconditioner changes between two levels: in most iterations it is a
-diagonal, for what the finer spaces add, and then the factors of the solve, or its multigrid, for what the spaces of the
-solution can represent. GCR finds the combination of all directions so far with the least residual, whatever the
-preconditioner of each was, in the norm of the inverse diagonal: as errors in energy, residuals of displacements and
-pressures then compare on all meshes. A last correction by the factors does not have to be multiplied by K. The number
-of iterations hardly depends on the number of unknowns.
+finer one changes K as little as the shape of cells. The contributions of surface integrals, and of residuals that have
+no moduli, are differences of the residual between two states. The preconditioner changes between two levels: in most
+iterations it is a diagonal, for what the finer spaces add, and then the factors of the solve, or its multigrid, for
+what the spaces of the solution can represent. GCR finds the combination of all directions so far with the least
+residual, whatever the preconditioner of each was, in the norm of the inverse diagonal: as errors in energy, residuals
+of displacements and pressures then compare on all meshes. A last correction by the factors does not have to be
+multiplied by K. The number of iterations hardly depends on the number of unknowns.
 
 The residual of the corrected state is of second order in the correction, as are errors of quantities that converge
 with twice the degree. A second correction, by the factors of the solve alone, adds what the first one leaves of them.
