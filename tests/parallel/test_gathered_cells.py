@@ -61,6 +61,7 @@ def transferred(coarse: Body, fine: Body, degree: int, exact_degree: int) -> tup
     return places, float((np.abs(interpolated - exact).max() if len(points) else 0.0) / np.abs(exact).max(initial=1.0))
 
 
+@pytest.mark.everyday("cubic")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("case", CASES)
 def test_polynomials_of_the_space_are_transferred_to_rounding_errors(

@@ -50,6 +50,7 @@ def check(quantities: dict[str, Any], source: MeshSource, sign: int) -> None:
             assert quantities[f"{name}-{region}"] == pytest.approx(value, rel=1e-11, abs=1e-16), name
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 3])
 def test_points_and_regions_have_the_values_of_the_formulas(comm: MPI.Intracomm, meshes: Path) -> None:
     # On the axis, at the ends, inside, and on the true surface of the cylinder, outside of its straight cells.

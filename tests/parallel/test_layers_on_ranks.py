@@ -46,6 +46,7 @@ def scattered(mesh: Mesh) -> np.ndarray:
     return (np.floor(middles(mesh) @ [7.1, 13.3, 29.7]) % 3).astype(np.int64)
 
 
+@pytest.mark.everyday("hexahedron-none")
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet], ids=lambda mode: mode.name)
 @CELLS
@@ -136,6 +137,7 @@ def filled(space: fem.FunctionSpace, layers: np.ndarray) -> fem.Function:
     return positions
 
 
+@pytest.mark.release
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize("hexahedra", [True, False], ids=["hexahedra", "tetrahedra"])
 def test_a_checkpoint_keeps_both_sides_of_the_interface(
@@ -192,6 +194,7 @@ def test_a_pressure_comes_from_the_same_layer_of_another_mesh(way: str, comm: MP
         equations.destroy()
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_iterative_and_direct_solvers_agree(comm: MPI.Intracomm) -> None:
     fields = []
@@ -202,6 +205,7 @@ def test_iterative_and_direct_solvers_agree(comm: MPI.Intracomm) -> None:
     assert fields[0] == pytest.approx(fields[1], rel=1e-6)
 
 
+@pytest.mark.release
 def test_layers_with_equal_numbers_give_the_result_of_one_material(comm: MPI.Intracomm) -> None:
     """In one process, in any order, each job is what it is by itself, though jobs of one structure share equations."""
 

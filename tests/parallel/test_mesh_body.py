@@ -37,6 +37,7 @@ def build(gmsh, *, size=0.5):
 """
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_each_rank_owns_its_equal_part_by_metis(
     comm: MPI.Intracomm, meshes: Path, record_property: Callable[[str, object], None]
@@ -73,6 +74,7 @@ def test_each_rank_owns_its_equal_part_by_metis(
         assert cut["metis"] <= 1.5 * cut["scotch"]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_regions_hold_the_same_entities_on_any_number_of_ranks(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
@@ -123,6 +125,7 @@ def test_regions_hold_the_same_entities_on_any_number_of_ranks(
     on_root(comm, interface_of_the_source)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_written_meshes_are_read_back_bit_for_bit(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     cases = (
@@ -175,6 +178,7 @@ def test_the_paths_of_a_job_are_resolved_before_reading(comm: MPI.Intracomm, mes
     assert body.source.path == meshes / "box.py"
 
 
+@pytest.mark.release
 def test_a_hundred_thousand_cells_are_checked_in_seconds(comm: MPI.Intracomm, meshes: Path) -> None:
     source = read_source(spec(meshes / "box.py", parameters={"nx": 26, "ny": 26, "nz": 26}), meshes / "box.py")
     started = time.perf_counter()

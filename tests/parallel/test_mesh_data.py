@@ -82,6 +82,7 @@ def with_ghosts(body: Body) -> Body:
     return dataclasses.replace(body, mesh=mesh, source_geometry=mesh.geometry)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_every_row_is_at_its_place(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     for body in bodies(comm, meshes, run_directory, ((1, None), (2, None))):

@@ -61,6 +61,7 @@ def model_of(data: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     return model
 
 
+@pytest.mark.everyday("hexahedra")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize(
     "data",
@@ -94,6 +95,7 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
         assert error < 1e-5
 
 
+@pytest.mark.everyday("mixed-in each product", "mixed-beforehand", "hexahedra-beforehand")
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("few", [8, 0], ids=["in each product", "beforehand"])
 @pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES], ids=["mixed", "regions", "hexahedra"])

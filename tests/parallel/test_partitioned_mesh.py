@@ -196,6 +196,7 @@ def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
         solved("other", other, analysis="forward", expected_shape={"file": str(bp)})
 
 
+@pytest.mark.release
 @pytest.mark.parallel(3)
 def test_a_checkpoint_of_two_ranks_is_read_by_one_and_three(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
@@ -217,6 +218,7 @@ def test_a_checkpoint_of_two_ranks_is_read_by_one_and_three(
             np.testing.assert_allclose(function.x.array, expected[name].x.array, rtol=0, atol=1e-13)
 
 
+@pytest.mark.release
 @pytest.mark.parallel(3)
 def test_parts_without_shared_nodes_are_distinguished_on_any_ranks(comm: MPI.Intracomm, run_directory: Path) -> None:
     """Seven rows of tetrahedra, each joined to the next at single nodes, from 1 to 7 of them."""
@@ -239,6 +241,7 @@ def test_parts_without_shared_nodes_are_distinguished_on_any_ranks(comm: MPI.Int
         assert np.array_equal(label, np.array(row_of)[body.mesh.topology.original_cell_index])
 
 
+@pytest.mark.release
 @pytest.mark.parallel(3)
 def test_no_rank_holds_the_whole(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     path = on_disk(comm, run_directory, lambda: cube(meshes, 16), 6)

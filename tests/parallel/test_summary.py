@@ -176,6 +176,7 @@ def test_a_summary_is_finite_the_same_in_both_files_and_documented(comm: MPI.Int
     assert outcomes == {outcome.name for outcome in Outcome}
 
 
+@pytest.mark.release
 def test_the_memory_of_a_phase_is_what_it_holds_or_the_peak_that_it_makes() -> None:
     release_freed_memory()
     timings, block = Timings(), 200_000_000

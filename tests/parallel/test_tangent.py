@@ -47,6 +47,7 @@ CUBIC: dict[str, Any] = MIXED | {
 }
 
 
+@pytest.mark.everyday("displacement")
 @pytest.mark.parallel([1, 2, 3])
 @pytest.mark.parametrize("case", [MIXED, DISPLACEMENT, CUBIC], ids=["mixed", "displacement", "cubic"])
 def test_matrix_agrees_with_the_derivative(case: dict[str, Any], comm: MPI.Intracomm) -> None:

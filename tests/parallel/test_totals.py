@@ -37,6 +37,7 @@ def totals(comm: MPI.Intracomm, **job: Any) -> Totals:
     return totals_of(Equations(case, body, Timings()), case.plan[0])
 
 
+@pytest.mark.everyday("1000", "2000*X/(10 cm)")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("density", [1000, {"block": 1000}, "2000*X/(10 cm)"])
 def test_a_cube_has_the_size_mass_and_weight_it_has(comm: MPI.Intracomm, density: Any) -> None:
@@ -49,6 +50,7 @@ def test_a_cube_has_the_size_mass_and_weight_it_has(comm: MPI.Intracomm, density
     assert body_totals.warnings == ()
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_curved_cells_have_their_volume_and_surface_loads_their_resultant(hexahedra: bool) -> None:
     """An octant of a sphere under inner pressure, whose resultant is that on its three plane projections."""
@@ -62,6 +64,7 @@ def test_curved_cells_have_their_volume_and_surface_loads_their_resultant(hexahe
     assert body_totals.load == pytest.approx(np.full(3, 500 * math.pi / 4 * 0.25), rel=2e-3)
 
 
+@pytest.mark.release
 def test_a_fluid_has_no_mass_of_the_body() -> None:
     water = {"effect": "hydrostatic-pressure", "region": "x1", "density": 1000, "acceleration": [0, 0, -9.81]}
     water["level"] = [0, 0, 0.2]

@@ -84,7 +84,7 @@ def estimate(data: dict[str, Any], comm: MPI.Intracomm) -> Estimate:
     return estimated
 
 
-@pytest.mark.everyday("sphere of tetrahedra", "incompressible", "follower load")
+@pytest.mark.everyday("follower load")
 @pytest.mark.parametrize("name", CASES)
 def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(name, comm, monkeypatch)
@@ -122,6 +122,7 @@ def compare(name: str, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> 
     assert estimated.unknowns == exact.unknowns
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_moduli_of_slightly_curved_cells_may_be_extended(
     hexahedra: bool, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
@@ -182,6 +183,7 @@ STIFF: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.everyday("fibres")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("name", STIFF)
 def test_corrections_of_stiff_bodies_are_found_by_a_factorization(

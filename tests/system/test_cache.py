@@ -65,6 +65,7 @@ def kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return here / "all"
 
 
+@pytest.mark.release
 def test_a_run_that_waits_takes_over_from_one_that_was_killed_while_compiling(
     job: Path, compiler: Path, tmp_path: Path
 ) -> None:
@@ -94,6 +95,7 @@ def wait_for(condition: Any) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.release
 def test_runs_that_begin_together_compile_each_file_once(job: Path, compiler: Path, tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         runs = [pool.submit(hpcinv, 1, "run", job, "--output", f"results-{i}", cwd=tmp_path) for i in range(2)]
@@ -119,6 +121,7 @@ def test_a_signal_while_code_is_compiled_stops_the_run(name: str, job: Path, com
     assert "could not compile" not in started.text
 
 
+@pytest.mark.release
 def test_the_compiler_ends_with_its_run(job: Path, compiler: Path, tmp_path: Path) -> None:
     (tmp_path / "hold").touch()
     with Started(1, "run", job, "--output", "run", cwd=tmp_path) as started:

@@ -149,6 +149,7 @@ def test_a_study_executes_its_runs_again(
     assert volumes == pytest.approx([3e-6, 6e-6], rel=1e-12)
 
 
+@pytest.mark.release
 def test_a_finished_run_is_not_taken_for_one_on_another_mesh(tmp_path: Path, comm: MPI.Intracomm) -> None:
     job = load(part(tmp_path))
     with Workspace(comm) as workspace:
@@ -163,6 +164,7 @@ def test_a_finished_run_is_not_taken_for_one_on_another_mesh(tmp_path: Path, com
         assert run(job, comm, workspace=workspace).quantities["volume"] == pytest.approx(6e-6, rel=1e-12)
 
 
+@pytest.mark.release
 def test_other_nodes_of_the_same_cells_are_another_problem(tmp_path: Path, comm: MPI.Intracomm) -> None:
     """What a generator depends on may be no file, such as a variable of the environment."""
     path = part(tmp_path)

@@ -22,7 +22,7 @@ def small_disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]
     subprocess.run(["umount", "-l", path], check=True)
 
 
-@pytest.mark.everyday("40k", "200k")
+@pytest.mark.everyday("40k")
 def test_a_full_disk_is_reported_where_a_checkpoint_is_written(small_disk: Path, tmp_path: Path) -> None:
     mesh = {**BLOCK["mesh"], "parameters": {"nx": 4, "ny": 4, "nz": 4}}
     fixed = {"strategy": "fixed", "steps": 3}

@@ -221,6 +221,7 @@ NO_COMPILER = {"PATH": str(Path(sys.executable).parent), "CC": ""}  # nothing el
 BROKEN_COMPILER = {"CC": "false"}
 
 
+@pytest.mark.everyday("broken")
 @pytest.mark.parametrize(
     ("ranks", "analysis", "compiler", "said"),
     [(2, "inverse", NO_COMPILER, "no C compiler 'cc'"), (1, "forward", BROKEN_COMPILER, "'false' could not compile")],
@@ -256,6 +257,7 @@ def test_too_low_a_quadrature_is_reported_once_and_nothing_is_left(run_directory
     assert files_in(run_directory) == {"job.yaml"}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 def test_options_that_petsc_does_not_know_are_reported(run_directory: Path) -> None:
     petsc = {"snes_linesearch_type": "l2", "snes_lineserch_type": "l2"}
@@ -287,6 +289,7 @@ def test_every_shipped_job_is_valid_and_checking_it_loads_neither_mpi_nor_the_so
     assert not {"mpi4py", "petsc4py", "dolfinx", "dolfinx_solver", "gmsh", "ufl"} & set(done.stdout.split())
 
 
+@pytest.mark.release
 def test_validate_goes_on_after_a_wrong_job(tmp_path: Path) -> None:
     wrong = write_job(tmp_path / "wrong.yaml", CUBE, supports=[])
     done = python("-m", "hpcinv", "validate", str(wrong), "jobs/pdms-beam.yaml")
@@ -294,6 +297,7 @@ def test_validate_goes_on_after_a_wrong_job(tmp_path: Path) -> None:
     assert "jobs/pdms-beam.yaml: valid" in done.stdout
 
 
+@pytest.mark.release
 def test_a_command_that_does_not_exist_ends_with_2() -> None:
     assert python("-m", "hpcinv", "fly").returncode == 2
 

@@ -58,6 +58,7 @@ def test_the_meshes_that_are_damaged_here_are_right_otherwise(tmp_path: Path) ->
         check(read_source(spec(tmp_path / name), tmp_path / name))
 
 
+@pytest.mark.everyday("nodes-0", "points-1", "offsets", "types", "data-1", "data-2", "at-1")
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -97,6 +98,7 @@ def test_sizes_in_other_encodings_are_seen(tmp_path: Path) -> None:
     assert "NumberOfPoints is 4000000000" in refused(tmp_path / "a.vtu", text.encode("utf-16"))
 
 
+@pytest.mark.release
 def test_a_header_that_ends_in_blanks_is_refused_at_once(tmp_path: Path) -> None:
     """Patterns with a cubic number of matches took minutes."""
     text = VTU.format(**IN_VTU).partition('"4"')[0] + '"' + 20_000 * " "
@@ -158,6 +160,7 @@ def test_crashes_of_gmsh_are_reported(tmp_path: Path, meshes: Path, capfd: pytes
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.release
 def test_a_file_that_gmsh_has_read_is_not_tried_again(
     tmp_path: Path, meshes: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

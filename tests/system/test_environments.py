@@ -31,6 +31,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], code: int, *texts: st
         assert done.stderr.count(text) == 1, done.stderr
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("home", [None, "/dev/null"])
 def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
     """ADIOS2, which writes checkpoints, ends the process where HOME is not set."""
@@ -40,6 +41,7 @@ def test_a_run_needs_no_home(home: str | None, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "summary.json").exists()
 
 
+@pytest.mark.release
 def test_options_of_dolfinx_that_cannot_be_read_do_not_matter(tmp_path: Path) -> None:
     (tmp_path / "dolfinx_jit_options.json").write_text("{")
     done = run(hpcinv("run", TETRAHEDRON, "--output", "results"), tmp_path, XDG_CONFIG_HOME="/dev/null")
@@ -51,6 +53,7 @@ def test_a_working_directory_that_was_removed_is_reported(tmp_path: Path) -> Non
     assert_refused(run(words, tmp_path), 2, "the working directory cannot be used: No such file or directory")
 
 
+@pytest.mark.everyday("1")
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.skipif(OPEN_MPI is None, reason="Open MPI is not installed (Debian's package openmpi-bin)")
 def test_the_launcher_of_open_mpi_is_refused(ranks: int, tmp_path: Path) -> None:
@@ -63,6 +66,7 @@ def test_the_launcher_of_open_mpi_is_refused(ranks: int, tmp_path: Path) -> None
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.everyday("variables0-the launcher (PMIX_NAMESPACE is set)")
 @pytest.mark.parametrize(
     ("variables", "launcher"),
     [({}, "the launcher (PMIX_NAMESPACE is set)"), ({"SLURM_JOB_ID": "7"}, "srun --mpi=pmix")],
@@ -80,6 +84,7 @@ def test_variables_of_pmix_around_the_right_launcher_do_not_matter(tmp_path: Pat
     assert "2 ranks" in done.stdout
 
 
+@pytest.mark.release
 def test_a_rank_that_ends_first_leaves_time_to_the_others(tmp_path: Path) -> None:
     """Without MPI_Finalize, mpiexec would kill the other ranks, and sometimes return 9 after a complete run."""
     script = tmp_path / "late.py"

@@ -25,6 +25,7 @@ print(full - before, kept - before, resident() - before)
 """
 
 
+@pytest.mark.release
 @pytest.mark.skipif(sys.platform != "linux", reason="a setting of glibc")
 def test_freed_memory_is_kept_until_it_is_given_back() -> None:
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment(), check=True, capture_output=True, text=True)
@@ -50,6 +51,7 @@ print(found)
 """
 
 
+@pytest.mark.everyday("None")
 @pytest.mark.skipif(not Path("/sys/kernel/mm/transparent_hugepage").exists(), reason="a kernel without huge pages")
 @pytest.mark.parametrize("asked", [None, "0", "1"])
 def test_numpy_asks_for_huge_pages_only_if_the_user_says_so(asked: str | None) -> None:

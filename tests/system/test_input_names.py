@@ -107,6 +107,7 @@ def start(*arguments: str | bytes | Path, **options: Any) -> subprocess.Popen[by
     return subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, cwd=ROOT, **options)
 
 
+@pytest.mark.everyday("schema", "formulas")
 @pytest.mark.parametrize("command", ["schema", "laws", "formulas"])
 def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     read, write = os.pipe()
@@ -117,6 +118,7 @@ def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
+@pytest.mark.everyday("arguments1", "arguments2")
 @pytest.mark.parametrize("arguments", [("schema",), ("--help",), ("explain", "JOB")])
 def test_output_to_a_full_disk_causes_no_traceback(arguments: tuple[str, ...], tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", CUBE)

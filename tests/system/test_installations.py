@@ -47,6 +47,7 @@ def test_another_dolfinx_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.everyday("adios2-text0-adios2 cannot be imported: version 2.10.0 was built without MPI")
 @pytest.mark.parametrize(
     ("module", "text", "message"),
     [
@@ -67,6 +68,7 @@ def test_a_run_without_the_packages_of_checkpoints_ends_without_them(
     assert (tmp_path / "out" / "summary.json").is_file()
 
 
+@pytest.mark.release
 def test_a_resume_without_the_packages_of_checkpoints_is_refused(tmp_path: Path) -> None:
     write_job(tmp_path / "column.yaml", COLUMN | {"checkpoint": {"every": 1, "seconds": 0}})
     _with_part("nothing", "", tmp_path, "run", "column.yaml", "--output", "out")
@@ -79,6 +81,7 @@ def test_a_resume_without_the_packages_of_checkpoints_is_refused(tmp_path: Path)
     assert list((tmp_path / "out" / "checkpoints").iterdir())
 
 
+@pytest.mark.everyday("arguments0-pydantic")
 @pytest.mark.parametrize(
     ("arguments", "missing"),
     [
@@ -99,6 +102,7 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(
     assert "docs/start/installing.md" in advice
 
 
+@pytest.mark.everyday("pydantic")
 @pytest.mark.parametrize("missing", ["pydantic", "rich"])
 def test_a_missing_package_is_named_once_on_several_ranks(missing: str, tmp_path: Path) -> None:
     """Only rank 0 imports rich."""

@@ -25,6 +25,7 @@ BOX: dict[str, Any] = {
 JOB = BLOCK | {"mesh": BOX, "quantities": [], "output": {"fields": False}}
 
 
+@pytest.mark.release
 def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: Path) -> None:
     """A result in metres, for a job in mm."""
     there = hpcinv_here("run", write_job(tmp_path / "there.yaml", JOB), "--output", "there", cwd=tmp_path)
@@ -53,6 +54,7 @@ def test_a_shape_goes_back_with_the_unit_of_the_job_and_with_no_other(tmp_path: 
     assert np.abs(again.points - given.points).max() < 1e-9 * 0.08
 
 
+@pytest.mark.release
 def test_an_expected_shape_in_another_unit_is_refused(tmp_path: Path) -> None:
     body = build_body(spec(**BOX), {}, MPI.COMM_SELF)
     write_mesh(tmp_path / "expected.vtu", body, body.mesh.geometry.x * body.length_scale)

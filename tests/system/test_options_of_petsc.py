@@ -39,6 +39,7 @@ def solved(result: Result) -> bool:
     return bool(result.statistics["status"] == "converged")
 
 
+@pytest.mark.everyday("pc_factor_mat_solver_type", "snes_type1", "mg_levels_ksp_type")
 @pytest.mark.parametrize(("solver", "message"), REFUSED, ids=[next(reversed(s["petsc"])) for s, _ in REFUSED])
 def test_the_message_names_the_option_and_the_next_job_is_free_of_it(solver: dict[str, Any], message: str) -> None:
     block = {**BLOCK, "analysis": "inverse"}
@@ -51,7 +52,7 @@ def test_the_message_names_the_option_and_the_next_job_is_free_of_it(solver: dic
     assert solved(run(load({**block, "solver": {"petsc": {"snes_max_it": 100}}}), MPI.COMM_SELF))
 
 
-@pytest.mark.everyday("LDL-petsc-1", "LDL-superlu-1", "LDL-superlu_dist-2")
+@pytest.mark.everyday("LDL-petsc-1", "LDL-superlu-1")
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("package", ["mumps", "petsc", "superlu", "superlu_dist"])
 @pytest.mark.parametrize("analysis", ["forward", "inverse"], ids=["LDL", "LU"])
@@ -74,6 +75,7 @@ def test_the_jobs_package_factorizes_or_is_refused(package: str, ranks: int, ana
         assert {path.name for path in tmp_path.iterdir()} == {"job.yaml"}
 
 
+@pytest.mark.everyday("at the beginning")
 @pytest.mark.parametrize("number", [0, 6], ids=["at the beginning", "at the first tangent"])
 @pytest.mark.parallel([1, 2])
 def test_the_message_is_reported_once_and_no_directory_is_left(number: int, run_directory: Path) -> None:

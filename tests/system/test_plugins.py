@@ -88,6 +88,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.release
 def test_a_file_next_to_the_job_serves_all_ranks_and_a_resume(project: Path, expected: float) -> None:
     place = project / "elsewhere"
     done = hpcinv(2, "run", "../jobs/gel.yaml", "--output", "run", cwd=place)
@@ -107,6 +108,7 @@ def test_a_file_next_to_the_job_serves_all_ranks_and_a_resume(project: Path, exp
     assert droop(run) == pytest.approx(expected, rel=1e-11)
 
 
+@pytest.mark.release
 def test_another_law_under_the_same_name_is_another_problem(project: Path) -> None:
     done = hpcinv(1, "run", project / "jobs" / "gel.yaml", "--output", "run", cwd=project)
     assert done.returncode == 0, done.stderr
@@ -117,6 +119,7 @@ def test_another_law_under_the_same_name_is_another_problem(project: Path) -> No
     assert "plugins[0]: " in done.stderr
 
 
+@pytest.mark.release
 def test_a_job_with_plugins_comes_back_from_json_pickle_and_its_run_directory(project: Path) -> None:
     """In a process of its own: what a plugin defines stays for as long as the process."""
     script = project / "there_and_back.py"
@@ -178,6 +181,7 @@ def test_faults_in_a_plugin_file_are_reported_with_their_line(project: Path) -> 
         assert re.match(rf"{re.escape(str(job))}: plugins\[0\]: {message}", line), line
 
 
+@pytest.mark.release
 def test_plugin_fault_is_reported_once_on_two_ranks(project: Path) -> None:
     (project / "laws" / "gel.py").write_text("import nothing_of_that_name\n")
     done = hpcinv(2, "run", "jobs/gel.yaml", cwd=project)

@@ -91,6 +91,7 @@ def test_a_result_is_plain_data(comm: MPI.Intracomm) -> None:
     assert result.to_dict()["quantities"] == result.quantities
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("changed", [False, True])
 def test_the_directory_of_a_run_has_the_job_that_was_run(
     changed: bool, run_directory: Path, comm: MPI.Intracomm

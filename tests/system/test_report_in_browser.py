@@ -59,6 +59,7 @@ def changed(before: np.ndarray, after: np.ndarray) -> float:
     return float((np.abs(before - after).max(axis=2) > 0.05).mean())
 
 
+@pytest.mark.release
 def test_the_page_opens_without_network_and_without_complaints(page: Page, tmp_path: Path) -> None:
     assert page.run("return document.getElementById('canvas').getContext('webgl2') !== null")
     assert page.run("return document.documentElement.dataset.viewer") == "ready"
@@ -275,6 +276,7 @@ def test_without_webgl_there_is_the_still_picture(tmp_path: Path) -> None:
         assert "no WebGL" in page.text(".missing")
 
 
+@pytest.mark.release
 def test_a_failed_solve_and_crossing_facets_are_shown(tmp_path: Path) -> None:
     advice = "Look for poor elements where the body is squeezed."
     made = run_directory(tmp_path / "run", 8, crossing=True, status=REACHED, advice=advice)

@@ -78,6 +78,7 @@ def soft(plan: SweepPlan) -> int:
     return sum(float(case.parameters["material.young"]) < 7e3 for case in plan.cases[:-1])
 
 
+@pytest.mark.release
 def test_the_file_is_small_and_names_what_failed(sweep: tuple[SweepPlan, Path]) -> None:
     plan, path = sweep
     assert path.stat().st_size < 5_000_000

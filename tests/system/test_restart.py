@@ -217,6 +217,7 @@ def test_a_finished_run_is_reported_as_finished(whole: Path, place: Path) -> Non
     assert (whole / "summary.json").read_bytes() == before
 
 
+@pytest.mark.release
 def test_a_run_killed_before_its_results_writes_them_on_resume(whole: Path, tmp_path: Path) -> None:
     run = Path(shutil.copytree(whole, tmp_path / "copy"))
     for result in ("summary.json", "summary.h5", "shape.msh"):
@@ -267,6 +268,7 @@ def test_another_material_is_refused_with_the_difference(copy: Path) -> None:
     assert_refused(copy, "--job", changed, because="material.c1: 101709.668 -> 99999.0")
 
 
+@pytest.mark.release
 def test_a_generator_that_makes_other_cells_is_refused(copy: Path) -> None:
     """The same text and parameters, so that the job is the same; what differs is in a file that it reads."""
     run, size = copy.parent / "run", copy.parent / "size"
@@ -285,6 +287,7 @@ def test_a_generator_that_makes_other_cells_is_refused(copy: Path) -> None:
     assert_refused(run, because="cells: ")
 
 
+@pytest.mark.release
 def test_other_settings_are_accepted_and_stay(stopped_in_second_direction: Path, whole: Path, tmp_path: Path) -> None:
     run = Path(shutil.copytree(stopped_in_second_direction, tmp_path / "copy"))
     position = state(newest(run))
@@ -414,6 +417,7 @@ def assert_same_states(run: Path, states: Path) -> None:
     assert {p.name for p in (run / "fields").iterdir()} == files
 
 
+@pytest.mark.release
 def test_the_last_state_is_the_given_one(states: Path) -> None:
     tips = summary(states)["quantities"]
     assert tips["tip-return"] == pytest.approx(tips["tip-sagging"], abs=1e-9 * LENGTH)
@@ -446,6 +450,7 @@ def test_a_run_killed_between_or_within_states_goes_on(after: str, ranks: int, s
     assert_same_states(run, states)
 
 
+@pytest.mark.release
 def test_a_signal_in_a_state_names_the_state(states: Path, tmp_path: Path) -> None:
     with Started(1, "run", states.parent / "states.yaml", "--output", "stopped", cwd=tmp_path) as started:
         started.wait_for("state turned")

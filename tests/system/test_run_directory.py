@@ -55,6 +55,7 @@ print(json.dumps(statuses))
 """
 
 
+@pytest.mark.release
 def test_a_kill_before_any_file_operation_leaves_a_directory_that_can_be_started_again(tmp_path: Path) -> None:
     """As it is created, and as it replaces an earlier run with results and files of somebody else."""
     places = {operation: tmp_path / str(operation) for operation in range(1, 30)}
@@ -244,6 +245,7 @@ def test_a_directory_that_is_removed_in_mid_run_is_an_error(every: int, tmp_path
         assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.release
 def test_a_run_that_was_stopped_before_it_saved_says_how_to_start_again(tmp_path: Path) -> None:
     job = write_job(tmp_path / "slow.yaml", SLOW, checkpoint={"every": 0})
     with Started(1, "run", job, "--output", "run", cwd=tmp_path) as started:
@@ -258,6 +260,7 @@ def test_a_run_that_was_stopped_before_it_saved_says_how_to_start_again(tmp_path
     assert "again with: mpirun -n 1 python -m hpcinv resume run" in started.text or "Go on with" in started.text
 
 
+@pytest.mark.everyday("files0")
 @pytest.mark.parametrize(
     "files", [{"origin.json": ""}, {"origin.json": "ORIGIN"}, {"origin.json": "ORIGIN", "job.yaml": "mesh: {"}]
 )
@@ -289,6 +292,7 @@ def content(run: Path) -> dict[str, bytes]:
     return {str(path.relative_to(run)): path.read_bytes() for path in run.rglob("*") if path.is_file()}
 
 
+@pytest.mark.release
 def test_a_finished_run_of_another_problem_is_refused(finished: Path) -> None:
     before = content(finished)
     other = write_job(finished.parent / "other.yaml", CUBE, material=dict(CUBE["material"]) | {"young": "2 MPa"})

@@ -30,6 +30,7 @@ def show(directory: Path, *arguments: object) -> str:
     return done.stdout
 
 
+@pytest.mark.release
 def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
     pressed = [*BLOCK["effects"], {"effect": "pressure", "region": "x1", "pressure": "1 kPa"}]
     write_job(tmp_path / "block.yaml", BLOCK, effects=pressed)
@@ -41,6 +42,7 @@ def test_supports_and_loads_are_seen_before_a_run(tmp_path: Path) -> None:
     assert pixels(tmp_path / "block.png", ORANGE) > 500 > pixels(tmp_path / "bare.png", ORANGE)
 
 
+@pytest.mark.release
 def test_the_arrow_of_gravity_is_in_the_picture(tmp_path: Path) -> None:
     show(tmp_path, MESHES.parent / "jobs" / "pdms-beam.yaml", "--output", "beam.png")
     image = matplotlib.image.imread(tmp_path / "beam.png")
@@ -48,6 +50,7 @@ def test_the_arrow_of_gravity_is_in_the_picture(tmp_path: Path) -> None:
     assert pixels(tmp_path / "views.png", ORANGE) > 200
 
 
+@pytest.mark.release
 def test_a_mesh_is_drawn(tmp_path: Path) -> None:
     assert show(tmp_path, MESHES / "box.py").split() == ["box-mesh.png"]
     assert (tmp_path / "box-mesh.png").stat().st_size > 10_000
@@ -117,6 +120,7 @@ def image_of(png: bytes) -> np.ndarray:
     return np.asarray(matplotlib.image.imread(io.BytesIO(png)))
 
 
+@pytest.mark.everyday("solid")
 @pytest.mark.usefixtures("whole_pictures")
 @pytest.mark.parametrize("hollow", [False, True], ids=["solid", "shell"])
 def test_a_shadow_around_a_body_does_not_veil_its_colours(hollow: bool) -> None:
@@ -131,6 +135,7 @@ def test_a_shadow_around_a_body_does_not_veil_its_colours(hollow: bool) -> None:
     assert not np.array_equal(alone, both)
 
 
+@pytest.mark.release
 def test_many_bodies_are_drawn_in_rows() -> None:
     body, _ = sphere_in_a_larger_one()
     view = View([body], body.points, np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))

@@ -110,6 +110,7 @@ CHECKS = [f"{check.__module__}.{check.__name__}.lines" for check in checks() if 
 """what all bodies have"""
 
 
+@pytest.mark.everyday("hpcinv.trust.certificate.round_trip.RoundTripCheck.lines-1")
 @pytest.mark.parametrize(
     ("where", "ranks"),
     [*((where, 1) for where in CHECKS), ("hpcinv.trust.discretisation.discretisation_error.estimate", 2)],
@@ -148,6 +149,7 @@ def test_a_signal_in_the_certificate_stops_there_and_a_resume_solves_nothing_aga
     assert len([*(run / "checkpoints").iterdir()]) == 1
 
 
+@pytest.mark.release
 def test_a_signal_in_the_certificate_keeps_both_directions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, analysis="round_trip", **CERTIFIED)
     with monkeypatch.context() as patch:
@@ -178,6 +180,7 @@ def test_a_check_that_goes_on_after_a_signal_is_ended(tmp_path: Path) -> None:
     assert done.stdout.count("  load ") == 0
 
 
+@pytest.mark.release
 def test_a_case_of_a_sweep_that_was_stopped_in_its_certificate_is_not_solved_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -215,6 +218,7 @@ def test_a_signal_before_there_is_a_directory_leaves_none(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.release
 def test_a_signal_before_the_solve_leaves_a_run_that_begins_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

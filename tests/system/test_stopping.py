@@ -37,7 +37,7 @@ def meshing(directory: Path, body: str) -> Path:
     return write_job(directory / "long.yaml", CUBE, mesh={"file": "long.py", "maximum_cells": 10**9})
 
 
-@pytest.mark.everyday("gmsh-SIGTERM", "Python-SIGTERM")
+@pytest.mark.everyday("gmsh-SIGTERM-2-75")
 @pytest.mark.parametrize(
     ("body", "name", "ranks", "code"),
     [
@@ -148,7 +148,7 @@ def contents(path: Path) -> bytes:
         return b""
 
 
-@pytest.mark.everyday("SIGTERM-75-.msh", "SIGINT-130-.vtu", "SIGKILL-None-.msh")
+@pytest.mark.everyday("SIGTERM-75-.msh", "SIGINT-130-.vtu")
 @pytest.mark.parametrize("suffix", [".msh", ".vtu"])
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 75), ("SIGUSR1", 75), ("SIGINT", 130), ("SIGKILL", None)])
 def test_a_signal_while_a_process_reads_a_mesh_does_not_damage_it(
@@ -170,6 +170,7 @@ def test_a_signal_while_a_process_reads_a_mesh_does_not_damage_it(
     assert not readers(tmp_path)
 
 
+@pytest.mark.everyday("separate")
 @pytest.mark.parametrize(
     ("ranks", "options"), [(1, ["--no-isolation"]), (2, ["--ranks-per-case", "2"])], ids=["launcher", "separate"]
 )
@@ -228,6 +229,7 @@ def test_a_signal_at_any_moment_of_the_start_ends_with_its_code(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.everyday("plugin-1")
 @pytest.mark.parametrize(("where", "ranks"), [("generator", 2), ("plugin", 1), ("generator in a thread", 1)])
 def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text(
@@ -271,6 +273,7 @@ def test_a_plugin_that_ends_the_process_fails_validate(
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.release
 def test_a_plugin_that_replaces_the_process_fails_the_run(tmp_path: Path) -> None:
     (tmp_path / "ends.py").write_text("import os\nos.execl('/bin/true', 'true')\n")
     ended = hpcinv(1, "run", write_job(tmp_path / "job.yaml", CUBE, plugins=["ends.py"]), cwd=tmp_path)
@@ -278,7 +281,7 @@ def test_a_plugin_that_replaces_the_process_fails_the_run(tmp_path: Path) -> Non
     assert "os.execv has ended the process before the command was done" in ended.stderr
 
 
-@pytest.mark.everyday("run-1", "validate-1")
+@pytest.mark.everyday("run-1")
 @pytest.mark.parametrize(("command", "ranks"), [("run", 1), ("run", 2), ("validate", 1)])
 def test_a_lack_of_memory_is_reported_without_a_traceback(command: str, ranks: int, tmp_path: Path) -> None:
     """Of NumPy, in code of a job."""
@@ -291,6 +294,7 @@ def test_a_lack_of_memory_is_reported_without_a_traceback(command: str, ranks: i
     assert "Traceback" not in ended.stderr
 
 
+@pytest.mark.release
 def test_processes_that_code_of_a_job_forks_end_as_they_like(tmp_path: Path) -> None:
     box = str(ROOT / "meshes" / "box.py")
     (tmp_path / "forks.py").write_text(

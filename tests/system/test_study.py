@@ -44,6 +44,7 @@ def test_a_run_that_compiled_is_done_once_more_and_one_that_failed_is_not(begin:
     assert len(again) == 10
 
 
+@pytest.mark.release
 def test_only_kernels_that_were_not_found_count_as_compiled(tmp_path: Path, comm: MPI.Intracomm) -> None:
     """Other processes that a run starts do not, such as the one that tries to read a mesh file first."""
     mesh = {"file": str(write_msh(tmp_path / "block.msh", ROOT / "meshes", False, 1, 4.1))}
@@ -57,6 +58,7 @@ def test_only_kernels_that_were_not_found_count_as_compiled(tmp_path: Path, comm
     assert compiled == [True, False]
 
 
+@pytest.mark.release
 def test_changed_study_solves_only_its_new_runs(begin: Begin, tmp_path: Path) -> None:
     first = begin(plan(tmp_path, repeat=2), tmp_path)
     for _ in range(7):

@@ -64,6 +64,7 @@ def table(results: Path) -> list[dict[str, str]]:
     return [{header.partition(" [")[0]: value for header, value in row.items()} for row in rows]
 
 
+@pytest.mark.release
 def test_the_table_has_every_run_with_its_value_error_and_cost(table: list[dict[str, str]]) -> None:
     assert [(r["series"], r["label"]) for r in table] == [
         *(("P2", str(n)) for n in NZ),
@@ -137,6 +138,7 @@ def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dic
     )
 
 
+@pytest.mark.release
 def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
     before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)}
     done = hpcinv_here("study", "column-study.yaml", cwd=place)

@@ -174,6 +174,7 @@ def test_every_kind_of_series_that_is_asked_for_can_be_written(tmp_path: Path) -
     assert [run.job.mesh.partition for run in runs[10:]] == ["metis", "scotch"]
 
 
+@pytest.mark.release
 def test_cases_are_combined_side_by_side_and_drawn_at_random(tmp_path: Path) -> None:
     law = {"law": "neo-hookean", "young": "1 MPa", "poisson": 0.3}
     random = {"material.mu": ["2 kPa", "200 kPa"], "material.lam": [8e4, 8e6]}
@@ -229,6 +230,7 @@ def test_keys_reach_into_jobs_and_summaries() -> None:
         assert look_up(summary, absent) is None
 
 
+@pytest.mark.release
 def test_validate_takes_studies_and_loads_neither_mpi_nor_the_solver(tmp_path: Path) -> None:
     plan(tmp_path)
     studies = [str(p) for p in sorted((ROOT / "jobs").glob("*.yaml")) if "series:" in p.read_text()]

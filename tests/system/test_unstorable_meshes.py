@@ -31,6 +31,7 @@ def two_regions(path: Path) -> MeshSource:
     return read_vtu(path)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("names", [("A", "B"), ('the "left"', "two\nlines")])
 def test_regions_that_are_marked_by_1_are_kept_in_all_formats(names: tuple[str, str], tmp_path: Path) -> None:
     source = two_regions(tmp_path / "two.vtu")
@@ -45,6 +46,7 @@ def test_regions_that_are_marked_by_1_are_kept_in_all_formats(names: tuple[str, 
         assert len({group.tag for group in mesh_read.groups}) == 2
 
 
+@pytest.mark.release
 def test_tags_that_gmsh_refuses_are_numbered_again(tmp_path: Path) -> None:
     source = two_regions(tmp_path / "two.vtu")
     source = type(source)(**{**vars(source), "node_tags": np.zeros(12, dtype=np.int64)})

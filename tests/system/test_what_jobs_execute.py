@@ -85,12 +85,14 @@ def test_options_that_lie_next_to_a_mesh_are_not_executed(mesh: Path, marker: Pa
     assert not marker.exists()
 
 
+@pytest.mark.release
 def test_a_comment_may_come_first(mesh: Path) -> None:
     content = mesh.read_bytes()
     mesh.write_bytes(b"$Comments\nof a box\n$EndComments\n" + content)
     assert len(FILES[".msh"](mesh).cells) == 6
 
 
+@pytest.mark.release
 def test_errors_name_the_mesh_and_not_where_gmsh_has_read_it(mesh: Path) -> None:
     mesh.write_bytes(b"$MeshFormat\n4.1 0 8\nnonsense\n")
     with pytest.raises(MeshError) as refused:
@@ -187,6 +189,7 @@ def job_with(directory: Path, marker: Path, changes: dict[str, Any]) -> Path:
     return write_job(directory / "job.yaml", CUBE, **{"mesh": {"file": "box.msh"}, **small, **json.loads(text)})
 
 
+@pytest.mark.everyday("generator")
 @pytest.mark.parametrize("door", ["plugin", "generator", "gmsh script", "viewer"])
 def test_doors_are_doors(door: str, elsewhere: Path, marker: Path, tmp_path: Path) -> None:
     """Without --untrusted each of them executes or writes something; else the tests below could not fail."""

@@ -49,6 +49,7 @@ def body(**regions: str | list[str] | RegionUnion) -> Body:
     return build_body(spec, rules(**regions), MPI.COMM_WORLD, replacement=block())
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_regions_by_normals_and_cavities() -> None:
     region_body = body(
@@ -77,6 +78,7 @@ UNIONS: dict[str, str | list[str]] = {
 }
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_unions_have_each_facet_and_cell_once() -> None:
     regions = body(**UNIONS).regions
@@ -133,6 +135,7 @@ def test_shells_that_enclose_nothing_are_numbered_by_volume() -> None:
     assert shells(facets, np.array([-1.0, -1.0, 5.0, -3.0])).tolist() == [2, 2, 0, 1]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_a_smooth_face_ends_at_sharp_edges() -> None:
     # The nearest facet is on the top, 1.2 m from which the hole begins.

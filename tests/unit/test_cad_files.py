@@ -75,6 +75,7 @@ def counts(source: MeshSource) -> dict[str, int]:
     return {group.name: group.dim for group in source.groups}
 
 
+@pytest.mark.release
 def test_the_command_writes_metres(cad: Callable[[str], Path], tmp_path: Path) -> None:
     """Files in mm would need their unit in the next command."""
     mesh = tmp_path / "box.msh"
@@ -83,6 +84,7 @@ def test_the_command_writes_metres(cad: Callable[[str], Path], tmp_path: Path) -
     assert volume(read_source(spec, mesh)) == pytest.approx(2e-6, rel=1e-9)
 
 
+@pytest.mark.everyday("box.step-unit0")
 @pytest.mark.parametrize(("file", "unit"), [("box.step", {}), ("box.brep", {"unit": "mm"})])
 def test_a_box_has_its_volume_and_faces(file: str, unit: dict[str, str], cad: Callable[[str], Path]) -> None:
     source = read(cad(file), **unit)
@@ -104,6 +106,7 @@ def test_curved_cells_are_on_the_surface(suffix: str, cad: Callable[[str], Path]
     assert 0.93 < volume(straight) / (pi * 25 * 20e-9) < 1
 
 
+@pytest.mark.release
 def test_touching_solids_share_their_face(cad: Callable[[str], Path]) -> None:
     source = read(cad("two.step"))
     assert {name for name, dim in counts(source).items() if dim == 3} == {"solid-1", "solid-2"}

@@ -65,6 +65,7 @@ def expected(path: Path, **parameters: Any) -> tuple[float, int]:
     return numbers[0], len(source.cells)
 
 
+@pytest.mark.everyday("text1", "text2", "text3")
 @pytest.mark.parametrize("text", [BALL, BY_POINTS, BY_FIELD, GEO])
 def test_cells_are_counted_beforehand_to_a_factor_of_two(tmp_path: Path, text: str) -> None:
     for size in (0.25, 0.12):

@@ -67,6 +67,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["ball.stl"]
 
 
+@pytest.mark.release
 def test_a_body_that_was_moved_is_moved_back() -> None:
     turned = egg().rotate_z(12).rotate_x(5).translate([0.004, -0.001, 0.002])
     comparison = compare(turned, egg(), (turned, egg()))
@@ -124,6 +125,7 @@ def written(path: Path, direction: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 
     return path
 
 
+@pytest.mark.everyday("direction2")
 @pytest.mark.parametrize(
     "direction", [(1, 0, 0, 0, 1, 0, 0, 0, 1), (-1, 0, 0, 0, 0, 1, 0, 1, 0), (0, 1, 0, 1, 0, 0, 0, 0, 1)]
 )

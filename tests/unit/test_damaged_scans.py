@@ -254,6 +254,7 @@ def saved(path: Path, *, binary: bool) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.everyday("stl-False", "ply-True", "ply-False", "obj-True", "vtp-False", "vtk-True", "vtk-False")
 @pytest.mark.usefixtures("forks")
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("ending", ["stl", "ply", "obj", "vtp", "vtk"])

@@ -86,6 +86,7 @@ def masks() -> dict[str, np.ndarray]:
     return {"Liver": liver & ~mass, "Mass": mass}
 
 
+@pytest.mark.everyday("FRACTIONAL")
 @pytest.mark.parametrize("kind", ["BINARY", "FRACTIONAL"])
 def test_segments_by_name_and_number(kind: str, tmp_path: Path) -> None:
     given = masks()

@@ -148,6 +148,9 @@ def refused(case: Job) -> str:
     return str(caught.value)
 
 
+@pytest.mark.everyday(
+    "elastic-foundation", "hydrostatic-pressure", "pressure", "smooth-pressure", "smooth-traction", "traction"
+)
 @pytest.mark.parametrize("name", [name for name, effect in OF_SOLIDS.items() if "region" in effect.model_fields])
 def test_a_region_must_be_one_of_the_boundary(name: str, tmp_path: Path) -> None:
     unknown = refused(case({"effect": name, "region": "x10"}))

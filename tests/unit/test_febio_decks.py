@@ -47,6 +47,7 @@ def test_a_support_on_a_whole_part_is_a_job_that_can_run(tmp_path: Path) -> None
     load(tmp_path / "a.yaml")
 
 
+@pytest.mark.release
 def test_a_node_set_and_a_surface_of_one_name_are_told_apart(tmp_path: Path) -> None:
     job, _ = job_of(tmp_path, MODEL.format(more="", domain="", region="side"))
     assert job["supports"][0]["region"] == "side-nodes"

@@ -86,6 +86,7 @@ def test_stress_of_compressible_neo_hookean() -> None:
     np.testing.assert_allclose(stress, mu * (stretch**2 - t**2) / J, rtol=0, atol=1e-10 * mu)
 
 
+@pytest.mark.everyday("mooney-rivlin-values0", "yeoh-values1", "gent-values2", "mooney-rivlin-values7")
 @pytest.mark.parametrize(
     ("law", "values"),
     [
@@ -112,6 +113,7 @@ def test_exact_tests_give_back_the_parameters(law: str, values: dict[str, Any]) 
         assert value == pytest.approx(expected, rel=1e-6), name
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("known", [True, False])
 def test_confidence_region_holds_the_parameters_as_often_as_it_says(known: bool) -> None:
     """95 % regions of 400 repeated tests with errors; the binomial scatter of the share is 0.011."""
@@ -149,6 +151,7 @@ def test_published_fits_of_treloars_rubber_are_found() -> None:
     assert c2 == pytest.approx(0.0047e6, rel=2e-2)
 
 
+@pytest.mark.release
 def test_ogden_describes_all_of_treloars_tests_better_than_his_own_parameters() -> None:
     """Ogden (1972), doi:10.1098/rspa.1972.0026, fitted by hand; his law has the least criterion of all here."""
     modes = ("uniaxial", "equibiaxial", "planar")
@@ -382,6 +385,7 @@ def test_neo_hookean_law_is_not_elliptic_beyond_the_volume_of_the_closed_form() 
     assert (smallest_stiffness(model, np.zeros(0), mode, volume) > 0).all()
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "law",
     [

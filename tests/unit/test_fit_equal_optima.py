@@ -55,6 +55,7 @@ def test_true_parameters_are_among_the_equally_good_ones(law: str, mode: str) ->
     assert bool(found.rivals) == bool(found.disagreements)
 
 
+@pytest.mark.everyday("planar--2.3")
 @pytest.mark.parametrize("alpha", [2.3, -2.3])
 @pytest.mark.parametrize("mode", MEASURES)
 def test_mirrored_ogden_is_said_in_shear_and_planar_tension(mode: str, alpha: float) -> None:
@@ -72,6 +73,7 @@ def test_mirrored_ogden_is_said_in_shear_and_planar_tension(mode: str, alpha: fl
     assert shares == sorted(shares, reverse=True)
 
 
+@pytest.mark.release
 def test_a_second_mode_decides() -> None:
     law = with_one_term("ogden")
     found = fit(law, [exact(law, mode) for mode in MEASURES])
@@ -95,6 +97,7 @@ def test_bulk_moduli_that_fit_planar_tension_equally_well_are_said() -> None:
     assert found.disagreements[0].probe.name == "change of volume"
 
 
+@pytest.mark.everyday("0.0")
 @pytest.mark.parametrize("scatter", [0.0, 1e-5])
 def test_points_of_a_flat_valley_are_rivals_only_within_the_scatter(scatter: float) -> None:
     """Two terms of Ogden's law, compressible, in planar tension: iterations go on for thousands of steps to the truth.

@@ -60,6 +60,7 @@ def deck(directory: Path, suffix: str = ".inp") -> Path:
     return directory / names[0]
 
 
+@pytest.mark.release
 def test_only_one_module_follows_includes() -> None:
     """Outside of the readers, which child processes call."""
     for file in ROOT.rglob("*.py"):
@@ -70,6 +71,7 @@ def test_only_one_module_follows_includes() -> None:
                 assert not {name.name for name in node.names} & set(FOLLOWING), file
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("suffix", LINES)
 def test_includes_followed_in_a_child_process_give_the_same_mesh(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
@@ -84,6 +86,7 @@ def test_includes_followed_in_a_child_process_give_the_same_mesh(
     assert file_digest(path) != trusted[0]
 
 
+@pytest.mark.release
 @pytest.mark.usefixtures("only_elsewhere")
 @pytest.mark.parametrize("suffix", LINES)
 def test_a_file_that_comes_later_counts(suffix: str, tmp_path: Path) -> None:

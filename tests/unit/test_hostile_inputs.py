@@ -31,6 +31,7 @@ def chain(directory: Path, suffix: str, levels: int, times: int, last: str) -> P
     return directory / f"0{suffix}"
 
 
+@pytest.mark.everyday(".inp")
 @pytest.mark.parametrize("suffix", INCLUDES)
 def test_included_files_are_counted_by_how_often_they_are_read(suffix: str, tmp_path: Path) -> None:
     path = chain(tmp_path, suffix, 4, 10, "$ nothing\n")
@@ -79,6 +80,7 @@ NUMBERED = {
 }
 
 
+@pytest.mark.everyday("node.inp", "element.inp", "set.inp", "element.bdf")
 @pytest.mark.parametrize("name", NUMBERED)
 def test_numbers_beyond_64_bits_get_a_message(name: str, tmp_path: Path) -> None:
     path = tmp_path / name

@@ -20,6 +20,7 @@ from hpcinv.mesh.io import isolated
 pytestmark = pytest.mark.usefixtures("warm_reader")
 
 
+@pytest.mark.everyday(".nrrd")
 @pytest.mark.parametrize("ending", [".nii", ".nrrd", ".mha"])
 def test_image_lies_where_the_header_says(ending: str, tmp_path: Path) -> None:
     """Turned by a quarter and mirrored, with an origin; voxels of three lengths."""
@@ -107,6 +108,7 @@ def test_image_orientation_may_be_another_right_handed_frame(tmp_path: Path) -> 
         meshed(image, orientation="LAS")
 
 
+@pytest.mark.release
 def test_images_may_have_any_length_unit(tmp_path: Path) -> None:
     image = written(tmp_path / "cells.nii.gz", ball())
     assert volumes(meshed(image, unit="um", size="4 um"))["ball"] == pytest.approx(ball().sum() * 1e-18, rel=0.01)

@@ -35,6 +35,7 @@ def area(source: MeshSource, name: str) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
+@pytest.mark.release
 def test_a_ball_has_its_volume_and_a_smooth_surface(tmp_path: Path) -> None:
     voxels, said = ball(), list[str]()
     source = meshed(written(tmp_path / "ball.nii.gz", voxels), said, size="3 mm")
@@ -50,6 +51,7 @@ def test_a_ball_has_its_volume_and_a_smooth_surface(tmp_path: Path) -> None:
     assert np.sqrt((distances**2).mean()) < 0.4
 
 
+@pytest.mark.release
 def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     """Five facets of folds like these cross at first; they are meshed again with cells between them."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((20, 20, 20)), 2.2, mode="constant")
@@ -61,6 +63,7 @@ def test_a_folded_surface_does_not_cross_itself(tmp_path: Path) -> None:
     assert volumes(source)["ball"] == pytest.approx(body.sum() * 1e-9, rel=0.01)
 
 
+@pytest.mark.release
 def test_signals_reach_a_run_after_its_image_was_meshed(tmp_path: Path) -> None:
     received = list[int]()
     before = signal.signal(signal.SIGTERM, lambda number, _frame: received.append(number))
@@ -105,6 +108,7 @@ def lengths_of_edges(source: MeshSource) -> np.ndarray:
     return np.concatenate([np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in ends])
 
 
+@pytest.mark.release
 def test_sizes_are_graded_to_thin_walls(tmp_path: Path) -> None:
     """A hollow ball with a wall of 3 mm in cells of up to 5 mm."""
     radii, said = np.linalg.norm(grid(), axis=-1), list[str]()
@@ -140,6 +144,7 @@ def test_sizes_are_chosen_without_too_many_cells() -> None:
     assert ball.interpolate(np.zeros((2, 3))).tolist() == [4.0, 4.0]
 
 
+@pytest.mark.release
 def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
     """A core in a ball, both cut by the image's border."""
     radii = np.linalg.norm(grid(), axis=-1)
@@ -268,6 +273,7 @@ def test_labels_that_touch_in_edges_only_are_joined_before_they_are_filled() -> 
     assert np.array_equal(np.unique(parts), np.arange(1, 65))
 
 
+@pytest.mark.everyday("apart")
 @pytest.mark.parametrize("voxels", ["touching", "apart", "nested"])
 def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
     """The rest is meshed from a lattice, and the log says why."""
@@ -286,6 +292,7 @@ def test_only_clean_surfaces_are_filled(voxels: str, tmp_path: Path) -> None:
     assert is_told == (voxels == "touching")
 
 
+@pytest.mark.release
 def test_smaller_sizes_make_more_cells_of_a_lattice(tmp_path: Path) -> None:
     """Halves that meet along a circle on the outside."""
     points = grid(16) - 0.2

@@ -130,6 +130,7 @@ def relative_error(computed: np.ndarray, exact: Any) -> float:
     return float(np.abs(computed - exact).max() / np.abs(exact).max())
 
 
+@pytest.mark.everyday("Gent")
 @pytest.mark.parametrize("name", LAWS)
 def test_no_digits_of_the_stress_are_lost_however_small_the_strain(name: str) -> None:
     stress = Stress(law(name).isochoric_energy, law(name))
@@ -152,6 +153,7 @@ def test_formulas_as_written_lose_digits_at_small_strain() -> None:
     assert errors[1] < 1e-14
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("name", ["Fung", "kinks"])
 def test_the_tangent_at_rest_is_finite_and_right(name: str) -> None:
     """Where Newton begins: for hyperelastic laws ``∂(P : D)/∂H`` at rest is the stress per size of a strain ``D``."""

@@ -189,6 +189,7 @@ ROOMS: dict[str, Callable[[Job], object]] = {
 }
 
 
+@pytest.mark.release
 def test_each_room_has_a_job_that_comes_with_the_project() -> None:
     jobs = [hpcinv.load(path) for path in JOBS if not is_study(path) and not is_sweep(path)]
     assert not [room for room, has_it in ROOMS.items() if not any(map(has_it, jobs))]

@@ -85,6 +85,7 @@ def test_faults_are_those_of_jobs_that_are_read_whole(fault: Mapping[str, Any]) 
     assert error.value.problems == whole.value.problems
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("name", ["sweep-beam-laws", "sweep-uncertain-block"])
 def test_planned_cases_have_the_keys_of_single_jobs(name: str) -> None:
     plan = load_sweep(JOBS / f"{name}.yaml")

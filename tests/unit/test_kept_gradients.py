@@ -60,6 +60,7 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> OrderedDict[Any, Any]:
     return empty
 
 
+@pytest.mark.release
 @pytest.mark.usefixtures("kept")
 def test_bodies_of_one_law_share_a_derivation() -> None:
     derived = []

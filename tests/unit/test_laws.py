@@ -239,6 +239,17 @@ def assert_close(computed: State, expected: State, what: str, tolerance: float =
     return error
 
 
+@pytest.mark.everyday(
+    "formula",
+    "fung-demiray",
+    "gent",
+    "isochoric-neo-hookean",
+    "mooney-rivlin",
+    "neo-hookean",
+    "st-venant-kirchhoff",
+    "veronda-westmann",
+    "yeoh",
+)
 @of_every_law
 def test_energy_and_stress_agree_with_the_formula(name: str) -> None:
     law, reference = compiled(name), Reference(EXAMPLES[name])
@@ -251,6 +262,19 @@ def test_energy_and_stress_agree_with_the_formula(name: str) -> None:
     print(f"{name}, moderate deformations: {max(errors):.1e}")
 
 
+@pytest.mark.everyday(
+    "arruda-boyce",
+    "formula",
+    "fung-demiray",
+    "gent",
+    "isochoric-neo-hookean",
+    "mooney-rivlin",
+    "neo-hookean",
+    "st-venant-kirchhoff",
+    "transversely-isotropic",
+    "veronda-westmann",
+    "yeoh",
+)
 @of_every_law
 def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
     law, reference = compiled(name), Reference(EXAMPLES[name])
@@ -263,6 +287,7 @@ def test_stress_keeps_its_digits_at_small_strain(name: str) -> None:
     print(f"{name}, small strain: {max(errors):.1e}")
 
 
+@pytest.mark.everyday("hencky", "holzapfel-gasser-ogden", "holzapfel-ogden", "neo-hookean", "yeoh")
 @of_every_law
 def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     """``P : D`` where strain and parameters are polynomials: from a moderate strain, and from none."""
@@ -310,6 +335,16 @@ def test_taylor_coefficients_of_stress_agree_with_the_energy(name: str) -> None:
     assert max(errors) <= 1e-10
 
 
+@pytest.mark.everyday(
+    "formula",
+    "fung-demiray",
+    "gent",
+    "isochoric-neo-hookean",
+    "mooney-rivlin",
+    "neo-hookean",
+    "st-venant-kirchhoff",
+    "yeoh",
+)
 @of_every_law
 def test_every_volumetric_energy_agrees_with_its_formula(name: str) -> None:
     law = compiled(name)
@@ -413,6 +448,7 @@ def test_a_law_whose_formula_is_not_zero_and_free_of_stress_at_rest_is_refused(f
         law.isochoric_energy(k, SimpleNamespace(mu=1.0))
 
 
+@pytest.mark.everyday("guccione")
 @pytest.mark.parametrize("name", ["guccione", "usyk-mcculloch"])
 def test_energy_of_the_isochoric_strain_does_not_see_the_volume(name: str) -> None:
     law = EXAMPLES[name].model_copy(update={"strain": "isochoric"})
@@ -431,6 +467,7 @@ def test_energy_of_the_isochoric_strain_does_not_see_the_volume(name: str) -> No
     assert energy(by_total_strain, 1.2) > 1.1 * energy(formula, 1.0)
 
 
+@pytest.mark.release
 def test_usyk_mcculloch_of_equal_exponents_across_the_fibres_is_guccione() -> None:
     shared = {"c": "2 kPa", "b_f": 8, "b_fs": 4, "kappa": "10 kPa"}
     guccione = Compiled(laws()["guccione"].model_validate({"law": "guccione", "b_t": 2, **shared}))

@@ -62,6 +62,7 @@ def test_less_is_refused_with_the_least_degree(kind: str, displacement: int, lea
     )
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("kind", "least"), [("tetrahedron", 1), ("hexahedron", 2)])
 def test_the_least_degree_suffices(kind: str, least: int) -> None:
     result = run(load(block(kind, displacement=1, quadrature=least)), MPI.COMM_SELF)

@@ -183,6 +183,7 @@ def test_formulas_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "pi = 3.14159" in printed
 
 
+@pytest.mark.release
 def test_every_field_that_takes_formulas_is_a_place_that_is_listed() -> None:
     """Places in laws and effects are found by their kind."""
     listed = " ".join(place.field for place in PLACES)

@@ -208,6 +208,7 @@ def test_oversized_yaml_is_refused_quickly(tmp_path: Path, text: str, message: s
     assert f"{tmp_path}/job.yaml{message}" in str(caught.value)
 
 
+@pytest.mark.release
 def test_a_large_table_is_read(tmp_path: Path) -> None:
     assert len(read(tmp_path, "a: [" + "1.5," * (MOST_VALUES - 3) + "]")["a"]) == MOST_VALUES - 3
     assert len(read(tmp_path, f"a: {'9' * 400}")) == 1

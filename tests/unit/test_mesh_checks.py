@@ -156,6 +156,7 @@ def test_all_problems_of_a_mesh_are_reported_at_once(comm: MPI.Intracomm, tmp_pa
     assert "1 facets of physical group 'clamp' belong to no cell" in message
 
 
+@pytest.mark.release
 def test_a_mesh_that_is_left_handed_throughout_is_accepted(comm: MPI.Intracomm, tmp_path: Path) -> None:
     path = write_msh22(tmp_path / "left.msh", TWO, [(4, 1, 1, (2, 1, 3, 4)), (4, 1, 1, (3, 2, 4, 5))], [BODY])
     assert build_body(spec(path), {}, comm).partition.cells == (2,)

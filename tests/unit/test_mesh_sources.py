@@ -60,6 +60,7 @@ def groups(source: MeshSource) -> dict[tuple[str, int], set[frozenset[int]]]:
     return {(g.name, g.dim): {frozenset(row.tolist()) for row in nodes[g.dim][g.members]} for g in source.groups}
 
 
+@pytest.mark.everyday("False-1")
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_box_is_the_same_through_every_format(meshes: Path, tmp_path: Path, hexahedra: bool, degree: int) -> None:
@@ -141,6 +142,7 @@ VTK_CELLS = {
 }
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(("kind", "degree"), VTK_CELLS)
 def test_vtu_cells_of_vtk_are_read_in_dolfinx_order(tmp_path: Path, kind: str, degree: int) -> None:
     size = scalar_element(kind, degree).dim
@@ -171,6 +173,7 @@ def test_generated_nodes_of_degree_2_lie_on_the_curved_side(meshes: Path) -> Non
     assert beam.points[:, 0].max() == pytest.approx(0.182, rel=1e-15)
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_file_of_degree_1_becomes_degree_2_with_straight_edges_and_back(
     meshes: Path, tmp_path: Path, hexahedra: bool
@@ -255,6 +258,7 @@ def test_an_error_in_a_generator_names_its_line(tmp_path: Path) -> None:
         read(generator)
 
 
+@pytest.mark.release
 def test_units_and_unused_nodes_of_a_file(tmp_path: Path) -> None:
     path = write_msh22(tmp_path / "t.msh", [(9, 9, 9), *TETRAHEDRON], [(4, 1, 1, [2, 3, 4, 5])])
     source = read(path, unit="mm")

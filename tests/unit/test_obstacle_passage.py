@@ -85,6 +85,7 @@ def test_half_spaces_and_moulds_have_no_other_side() -> None:
     assert share == np.inf
 
 
+@pytest.mark.release
 def test_way_through_a_plate_of_triangles(tmp_path: Path) -> None:
     import pyvista
 
@@ -109,6 +110,7 @@ TRIANGLE = [[0, 0, 1], [2, 0, 1], [0, 3, 1]]
 TILTED = [[0, 0, 1], [2, 0, 3], [0, 3, -2]]
 
 
+@pytest.mark.everyday("corners0")
 @pytest.mark.parametrize("corners", [TRIANGLE, TILTED])
 def test_flat_surface_has_no_thickness(corners: Any, tmp_path: Path) -> None:
     sheet = SurfaceDistance(saved(tmp_path / "one.obj", corners, [[0, 1, 2]]), 1e-3, False, MPI.COMM_SELF)
@@ -121,6 +123,7 @@ def test_flat_surface_has_no_thickness(corners: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(normals, [normal, normal], atol=1e-6)
 
 
+@pytest.mark.release
 def test_thickness_of_a_tilted_plate_is_not_its_bounding_boxs(tmp_path: Path) -> None:
     import pyvista
 

@@ -339,6 +339,7 @@ def test_damaged_files_get_a_message_or_are_read(suffix: str, tmp_path: Path) ->
     assert not [text for text in messages if "Traceback" in text or "Error:" in text]
 
 
+@pytest.mark.everyday(".med", ".e")
 @pytest.mark.parametrize("suffix", [".bdf", ".cdb", ".unv", ".mesh", ".med", ".e", ".vtk"])
 def test_a_file_that_is_cut_is_refused_by_its_own_process(suffix: str, tmp_path: Path) -> None:
     path, source = tmp_path / f"a{suffix}", box(False, 1)

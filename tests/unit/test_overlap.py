@@ -92,6 +92,7 @@ def exactly_crossing(first: np.ndarray, other: np.ndarray, common: int) -> bool 
     return max(min(s) for s in spans) < min(max(s) for s in spans)
 
 
+@pytest.mark.everyday("False-0", "False-1", "True-1")
 @pytest.mark.parametrize("common", [0, 1])
 @pytest.mark.parametrize("slivers", [False, True])
 def test_crossings_of_triangles_are_those_that_fractions_have(common: int, slivers: bool) -> None:
@@ -178,6 +179,7 @@ def side_by_side(box: Surface, shift: Any) -> Surface:
     )
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_touching_is_not_crossing_and_no_overlap_hides_behind_edges_on_edges(
     hexahedra: bool, comm: MPI.Intracomm, meshes: Path
@@ -196,6 +198,7 @@ def test_touching_is_not_crossing_and_no_overlap_hides_behind_edges_on_edges(
         assert (overlap.point < high + 1e-7).all(), shift
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_two_cubes_cross_where_no_plane_separates_them(hexahedra: bool, comm: MPI.Intracomm, meshes: Path) -> None:
     """Convex bodies are apart if there is a gap along a normal of one of them, or of an edge of each."""
@@ -220,6 +223,7 @@ def test_two_cubes_cross_where_no_plane_separates_them(hexahedra: bool, comm: MP
     assert 5 < sum(apart) < 25
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path
@@ -280,6 +284,7 @@ def test_arms_tubes_slabs_and_spheres_that_pass_through_themselves(
     assert overlap.point[0] == pytest.approx(0.886, abs=0.05)
 
 
+@pytest.mark.release
 def test_no_false_alarm_on_what_is_thin_flat_or_curved(comm: MPI.Intracomm, meshes: Path) -> None:
     for file in ("single_tetrahedron.msh", "block.geo", "pdms-beam-sagging.msh"):
         assert moved(body_of(meshes / file, comm)) == Overlap(0, None), file
@@ -305,6 +310,7 @@ def test_no_false_alarm_on_what_is_thin_flat_or_curved(comm: MPI.Intracomm, mesh
     assert moved(sliver, lambda x: x @ np.array([[1, 0, 0], [0, 1, 0], [1, 1, 1e-4]])) == Overlap(0, None)
 
 
+@pytest.mark.release
 def test_the_sagging_beam_straightened(comm: MPI.Intracomm, meshes: Path) -> None:
     beam = body_of(meshes / "pdms-beam-sagging.msh", comm)
     generator = spec(meshes / "pdms_beam.py", parameters={"size": "2.2 mm"}, geometry_degree=2)
@@ -312,6 +318,7 @@ def test_the_sagging_beam_straightened(comm: MPI.Intracomm, meshes: Path) -> Non
     assert overlap(beam, straight[beam.mesh.geometry.input_global_indices]) == Overlap(0, None)
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_displacement_of_small_gradient_makes_no_convex_body_cross_itself(
     hexahedra: bool, comm: MPI.Intracomm, meshes: Path

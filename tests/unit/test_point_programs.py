@@ -315,6 +315,7 @@ def test_the_derivative_of_a_potential_is_its_virtual_work() -> None:
         assert assembled(form) == pytest.approx(assembled(other), rel=0, abs=1e-14)
 
 
+@pytest.mark.everyday("CellType.hexahedron")
 @pytest.mark.parametrize("cell", [mesh.CellType.tetrahedron, mesh.CellType.hexahedron])
 def test_expressions_on_facets_are_what_ffcx_compiles(cell: mesh.CellType) -> None:
     """At the middle of each facet: DOLFINx orders several points by the facet's vertices, and programs do not."""

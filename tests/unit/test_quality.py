@@ -113,6 +113,7 @@ def test_the_worst_cell_of_a_body_is_found_where_it_is(comm: MPI.Intracomm, mesh
         assert found_left.value == pytest.approx(-found_left.given_value)
 
 
+@pytest.mark.everyday("0.8")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("share", [0.2, 0.8])
 def test_a_valid_curved_cell_does_not_fail_by_its_corners(

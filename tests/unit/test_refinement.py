@@ -89,6 +89,9 @@ def quality(source: MeshSource) -> np.ndarray:
     return np.asarray(12 * (3 * volumes) ** (2 / 3) / squares)
 
 
+@pytest.mark.everyday(
+    "block of tetrahedra", "block of bricks", "straight cells with curved geometry", "sphere of bricks"
+)
 @pytest.mark.parametrize("name", CASES)
 def test_volumes_and_areas_of_all_groups_stay(name: str, meshes: Path) -> None:
     source = source_of(name, meshes)
@@ -111,6 +114,9 @@ def test_volumes_and_areas_of_all_groups_stay(name: str, meshes: Path) -> None:
             assert areas[1] == pytest.approx(areas[0], rel=1e-13)
 
 
+@pytest.mark.everyday(
+    "block of tetrahedra", "block of bricks", "straight cells with curved geometry", "sphere of bricks"
+)
 @pytest.mark.parametrize("name", CASES)
 def test_cells_fit(name: str, meshes: Path) -> None:
     """A node that hangs would leave facets with one cell inside of the body, and so too large a surface."""
@@ -133,6 +139,7 @@ def test_cells_fit(name: str, meshes: Path) -> None:
             assert surface(refined) == pytest.approx(surface(source), rel=0.05)
 
 
+@pytest.mark.everyday("straight cells with curved geometry", "sphere of bricks")
 @pytest.mark.parametrize("name", [name for name, (_, degree, _) in CASES.items() if degree == 2])
 def test_pieces_have_the_shape_of_their_parents(name: str, meshes: Path) -> None:
     """The nodes of a piece lie in its parent as in a straight piece: its map is the parent's."""
@@ -151,6 +158,7 @@ def test_pieces_have_the_shape_of_their_parents(name: str, meshes: Path) -> None
         assert worst < 1e-9  # a node on a chord would be off by some 1e-2
 
 
+@pytest.mark.release
 def test_cells_stay_good_however_often_a_corner_is_refined(meshes: Path) -> None:
     for name in ("block of tetrahedra", "cylinder, straight", "sphere of tetrahedra"):
         source = source_of(name, meshes)

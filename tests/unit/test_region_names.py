@@ -147,6 +147,7 @@ def test_tags_of_xdmf_are_known_by_the_name_of_their_grid(tmp_path: Path) -> Non
         hpcinv.load(write(tmp_path, "a.xdmf", **plain, supports=[{"region": "clamp", "fix": ["x", "y", "z"]}]))
 
 
+@pytest.mark.release
 def test_validate_knows_them_without_the_libraries_that_read_meshes(tmp_path: Path, block: MeshSource) -> None:
     for name in ("a.msh", "a.vtu"):
         save(tmp_path / name, block, block.points)
@@ -170,6 +171,7 @@ def validated(*paths: Path) -> list[str]:
     return output.getvalue().splitlines()
 
 
+@pytest.mark.everyday("mesh", "vtk")
 @pytest.mark.parametrize("suffix", ["bdf", "cdb", "e", "med", "mesh", "unv", "vtk"])
 def test_validate_reads_formats_whose_headers_do_not_name_regions(
     suffix: str, tmp_path: Path, block: MeshSource
@@ -184,6 +186,7 @@ def test_validate_reads_formats_whose_headers_do_not_name_regions(
     assert line.startswith(f"{wrong}: supports[0].region: there is no region 'X9' in a.{suffix}")
 
 
+@pytest.mark.everyday("inp", "xdmf")
 @pytest.mark.parametrize("suffix", ["bdf", "e", "inp", "med", "msh", "vtu", "xdmf"])
 def test_validate_finds_damaged_files(suffix: str, tmp_path: Path, block: MeshSource) -> None:
     path = tmp_path / f"a.{suffix}"

@@ -103,6 +103,7 @@ def test_a_larger_surface_is_drawn_with_fewer_points_and_says_so() -> None:
     assert len(page) < 5_000_000
 
 
+@pytest.mark.release
 def test_text_of_users_is_not_executed(tmp_path: Path) -> None:
     run = run_directory(tmp_path / "run", 3)
     content = json.loads((run / "summary.json").read_text())
@@ -114,6 +115,7 @@ def test_text_of_users_is_not_executed(tmp_path: Path) -> None:
     assert len(re.findall("<script", page)) == len(re.findall("</script>", page))
 
 
+@pytest.mark.release
 def test_the_page_names_no_other_file() -> None:
     page = run_page(summary(), boundary(3), []).decode()
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)

@@ -59,9 +59,7 @@ def sizes(source: MeshSource) -> dict[str, float]:
     return sizes
 
 
-@pytest.mark.everyday(
-    "octant-False-1", "octant-True-2", "quarter-True-1", "quarter-False-2", "whole-False-1", "whole-True-2"
-)
+@pytest.mark.everyday("quarter-True-1")
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
@@ -110,6 +108,7 @@ def test_flat_cells_lie_in_even_layers(meshes: Path, shape: str) -> None:
     assert counts.tolist() == [{"octant": 61, "quarter": 5 * 5, "whole": 16 * 5}[shape]] * 5
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_a_body_of_each_has_its_whole_boundary_named(comm: MPI.Intracomm, meshes: Path) -> None:
     for shape, (file, parameters) in SHAPES.items():

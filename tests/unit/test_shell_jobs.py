@@ -285,6 +285,7 @@ def test_arrays_of_both_faces_vary_through_the_thickness(sheet: Path) -> None:
     assert (data["p_inner"].values == 1).all()
 
 
+@pytest.mark.release
 def test_angle_of_a_fold_does_not_depend_on_the_cells(tmp_path: Path) -> None:
     """A bent sheet has one triangle on one side of a node and two on the other; the director bisects the fold."""
     path = tmp_path / "bent.msh"
@@ -337,6 +338,7 @@ def test_thickness_that_is_not_positive_is_placed(sheet: Path) -> None:
         thicken(read_surface(sheet), Shell(thickness=given))
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("degree", [1, 2])
 def test_triangles_become_quadrilaterals_on_the_same_surface(tmp_path: Path, degree: int) -> None:
     """Triangles and quadrilaterals next to them: the given nodes, edges, groups and data, on a surface without gaps."""

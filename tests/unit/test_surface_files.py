@@ -74,6 +74,7 @@ def inside_each_other() -> pyvista.PolyData:
     return pyvista.Sphere(radius=10).append_polydata(pyvista.Sphere(radius=5))
 
 
+@pytest.mark.everyday("cubes-2000")
 @pytest.mark.parametrize(
     ("surface", "volume"), [(cubes, 2000), (over_an_edge, 2000), (twice, 1000), (inside_each_other, 3600)]
 )

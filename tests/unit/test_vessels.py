@@ -97,6 +97,7 @@ def test_a_wall_follows_a_table_from_its_first_end(lumens: Path) -> None:
     assert thickness == pytest.approx(2 - (50 - outer[..., 2]) / 50, abs=0.1)
 
 
+@pytest.mark.everyday("capped.stl", "inward.ply")
 @pytest.mark.parametrize("file", ["capped.stl", "open.ply", "inward.ply"])
 def test_surfaces_with_caps_or_openings_give_the_same_wall(file: str, lumens: Path) -> None:
     source = read(lumens / file)
@@ -129,6 +130,7 @@ def test_faulty_vessels_are_refused(file: str, more: Mapping[str, Any], text: st
         read(lumens / file, **more)
 
 
+@pytest.mark.everyday("ball.stl")
 @pytest.mark.parametrize("file", ["ball.stl", "warped.ply"])
 def test_a_plane_makes_an_end(file: str, lumens: Path) -> None:
     assert np.allclose(facets(read(lumens / file, ends={"top": CUT}), "top")[..., 2], 6, atol=1e-9)

@@ -173,6 +173,7 @@ def read(path: Path) -> Solid:
     return Solid(*READERS[path.suffix](path))
 
 
+@pytest.mark.everyday("tetrahedra-.stl", "tetrahedra-.ply", "hexahedra-.stl", "hexahedra-.ply", "hexahedra-.3mf")
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_files_hold_the_solid(suffix: str, sphere: MeshSource, tmp_path: Path) -> None:
     solid = solid_of(sphere, None, 1e-5).scaled(1e3)

@@ -181,6 +181,7 @@ def test_refinement_in_places_pays_there(comm: MPI.Intracomm) -> None:
     assert smaller < error
 
 
+@pytest.mark.release
 def test_a_demand_that_is_not_met_is_reported_with_what_was_reached(tmp_path: Path) -> None:
     data = clamped(1e-6, hexahedra=True, maximum_unknowns=600).model_dump(mode="json", exclude_unset=True)
     data["mesh"]["file"] = str(ROOT / "meshes" / "box.py")
@@ -267,6 +268,7 @@ def test_cells_in_which_no_point_is_found_give_no_guess_on_any_rank(
     assert guess_from(solution, there.body, here) is None
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 3])
 def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path) -> None:
     """Quadratic displacements and linear pressures between meshes that do not fit, of other scales and curved ones."""
@@ -305,6 +307,7 @@ def test_solutions_are_taken_from_mesh_to_mesh(comm: MPI.Intracomm, meshes: Path
             assert worst <= tolerance * size
 
 
+@pytest.mark.release
 def test_bodies_with_flat_and_curved_faces_are_distinguished(comm: MPI.Intracomm, meshes: Path) -> None:
     short: dict[str, Any] = {"length": "2 cm", "size": "4 mm"}
     for file, flat, parameters in (

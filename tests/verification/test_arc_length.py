@@ -138,6 +138,7 @@ def test_a_correction_that_wanders_to_another_path_fails() -> None:
 # A cube under tension from all sides.
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("analysis", ["inverse", pytest.param("forward", marks=pytest.mark.release)])
 @pytest.mark.parallel([2])
 def test_two_shapes_carry_the_same_tension(analysis: str, comm: MPI.Intracomm) -> None:
@@ -160,6 +161,7 @@ def test_the_certificate_says_that_another_shape_carries_the_same_load(comm: MPI
     assert "it reaches the full load once before" in line.note
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_the_largest_tension_is_reported(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
     with pytest.raises(SolveError, match=r"the load reaches its maximum on this path \(limit point\)") as caught:
@@ -192,6 +194,7 @@ def test_a_run_interrupted_beyond_the_limit_point_goes_on_there(comm: MPI.Intrac
 # The rest
 
 
+@pytest.mark.release
 def test_load_cases_and_prescribed_displacements(comm: MPI.Intracomm) -> None:
     """The same state as by load steps, with the path's corners at the ends of the cases."""
 

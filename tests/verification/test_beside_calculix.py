@@ -68,6 +68,7 @@ def test_without_calculix_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> N
     assert "\n" not in str(stop.value)
 
 
+@pytest.mark.everyday("C3D8")
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 @pytest.mark.parametrize("element", ["C3D8", "C3D10"])
 def test_equal_cells_give_the_displacement_and_the_unloaded_shape_of_calculix(element: str, tmp_path: Path) -> None:

@@ -66,6 +66,7 @@ def test_arc_length_reaches_a_load_of_which_the_smallest_step_is_too_large(comm:
     assert won.factorizations < fallbacks.EFFORT["arc-length"]
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("rescue", ["arc-length", "line-search"])
 def test_every_rescue_finds_what_small_steps_find(rescue: str, comm: MPI.Intracomm) -> None:
     small = hpcinv.run(sphere(1.0), comm)

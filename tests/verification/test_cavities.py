@@ -54,6 +54,7 @@ def pressure_of(stretch: float) -> float:
     return g[0] - g[1]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
     pressure = {"effect": "pressure", "region": "inner", "pressure": PRESSURE}
@@ -72,6 +73,7 @@ def test_inverse_with_a_given_unloaded_volume(comm: MPI.Intracomm) -> None:
     assert solution.factorizations < 12
 
 
+@pytest.mark.release
 def test_cavities_need_no_programs_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """A job without cavities has the programs of one with a volume as a quantity, and of one with unknown pressure."""
     names, read = list[str](), code_cache.read
@@ -95,6 +97,7 @@ def test_cavities_need_no_programs_of_their_own(monkeypatch: pytest.MonkeyPatch)
     assert programs[0] == programs[1] == programs[2] != set()
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_pressure_falls_while_a_balloon_is_filled(comm: MPI.Intracomm) -> None:
     pressures = []
@@ -192,6 +195,7 @@ def test_lands_ventricle_by_its_volume() -> None:
     assert filled.u == pytest.approx(pressed.solutions[0].u, abs=1e-8 * np.abs(filled.u).max())
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_heated_gas(comm: MPI.Intracomm) -> None:
     ambient, amount = 0.5, 1.5
@@ -226,6 +230,7 @@ def test_windkessel(comm: MPI.Intracomm) -> None:
     assert (back.pressure, back.unloaded_volume) == pytest.approx((there.pressure, there.unloaded_volume), rel=1e-9)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_states_with_given_volumes(comm: MPI.Intracomm) -> None:
     volume = hpcinv.run(job(**data(cavities={"hole": HOLE}, analysis="forward", quantities=VOLUMES)), comm).quantities

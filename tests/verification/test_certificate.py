@@ -62,6 +62,7 @@ def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracom
     assert 0.5 < ratios["length"] < 2
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_the_error_of_the_beam_is_estimated(comm: MPI.Intracomm) -> None:
     """The exact tip is taken from cubic displacements."""
@@ -128,7 +129,7 @@ def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
     assert clamped > 5 * free > 0
 
 
-@pytest.mark.everyday("1.05", "9.5", "8.7")
+@pytest.mark.everyday("displacement-8.7-2", "displacement-9.5-4", "mixed-8.7-2", "mixed-9.5-4")
 @pytest.mark.parametrize(("share", "unstable"), [(0.97, 0), (1.05, 2), (8.7, 2), (9.5, 4)])
 @pytest.mark.parametrize("formulation", ["displacement", "mixed"])
 def test_a_column_beyond_its_euler_load_is_unstable(
@@ -355,6 +356,7 @@ def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm
     assert result.certificate.verdict is (Verdict.SKIPPED if certificate == "off" else Verdict.PASS)
 
 
+@pytest.mark.release
 def test_without_a_load_unknown_surface_errors_are_not_mentioned(comm: MPI.Intracomm) -> None:
     unloaded = column(2).model_copy(update={"effects": ()})
     error_line = line(hpcinv.run(unloaded, comm), DISCRETISATION.name)

@@ -132,6 +132,7 @@ def test_obstacle_that_is_away_in_the_first_of_fixed_steps(comm: MPI.Intracomm) 
     assert pressed.solutions[0].u[:, 2].min() == pytest.approx(-0.1, abs=2**-15)
 
 
+@pytest.mark.everyday("while loading")
 @pytest.mark.parametrize("iterations", [5, 8], ids=["while loading", "while the pressure is found"])
 def test_stopped_run_resumes_to_the_same_body(iterations: int, comm: MPI.Intracomm, run_directory: Path) -> None:
     def stop_asked() -> bool:
@@ -147,6 +148,7 @@ def test_stopped_run_resumes_to_the_same_body(iterations: int, comm: MPI.Intraco
     assert abs(resumed - whole).max() < 1e-10
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_mixed_form_and_iterative_solver(comm: MPI.Intracomm) -> None:
     nearly_incompressible = {"law": "neo-hookean", "young": "100 kPa", "poisson": 0.49}
@@ -157,6 +159,7 @@ def test_mixed_form_and_iterative_solver(comm: MPI.Intracomm) -> None:
     assert force == pytest.approx(1e4, rel=1e-8)
 
 
+@pytest.mark.release
 def test_beam_that_comes_to_rest_on_a_peg(comm: MPI.Intracomm) -> None:
     """Euler–Bernoulli: the peg's force closes the gap that is left of the deflection under the beam's weight.
 
@@ -213,6 +216,7 @@ def sagging(comm: MPI.Intracomm, obstacle: dict[str, Any], **changes: Any) -> Re
 PEG = {"shape": "cylinder", "point": [0.38, 0, -0.036], "axis": [0, 1, 0], "radius": 0.01}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_beam_does_not_pass_through_a_peg_in_one_step(comm: MPI.Intracomm) -> None:
     """Euler–Bernoulli; its error at this sag equals the error of the other beam on a peg."""
@@ -294,6 +298,7 @@ def pressed_by_a_ball(
     return hpcinv.run(job(**given | changes), comm, directory=directory)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_return_solve_on_straight_cells_has_the_force_of_the_solve(comm: MPI.Intracomm) -> None:
     """The recovered body has all nodes of the displacement; their gaps are the same in both directions."""
@@ -378,6 +383,7 @@ def test_triangles_of_a_sphere_press_as_the_sphere(
     assert pressed == pytest.approx(exact.force[2], rel=0.03)
 
 
+@pytest.mark.everyday("down")
 @pytest.mark.parametrize("normals", ["up", "down"])
 def test_flat_triangle_presses_as_the_plane(normals: str, comm: MPI.Intracomm, run_directory: Path) -> None:
     """Uniaxial compression by 10 %; the force is the plane's, -1087.2 N for 10 kPa and 1 m²."""

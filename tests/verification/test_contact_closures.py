@@ -31,6 +31,7 @@ def solved(comm: MPI.Intracomm, contact: dict[str, Any], directory: Path | None 
     return hpcinv.run(job(**{"mesh": BLOCKS, "interfaces": [interface]} | GIVEN | data), comm, directory=directory)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("gap", [0.0, 0.002])
 def test_unloaded_bodies_have_the_assumed_gap_and_close(gap: float, comm: MPI.Intracomm) -> None:
@@ -44,6 +45,7 @@ def test_unloaded_bodies_have_the_assumed_gap_and_close(gap: float, comm: MPI.In
     assert "assumed" in there.assumption
 
 
+@pytest.mark.release
 def test_certificate_judges_gaps_pressures_and_forces(comm: MPI.Intracomm) -> None:
     checked: dict[str, Any] = {"certificate": {"level": "quick"}, "analysis": "round_trip", "first": "inverse"}
     results = [solved(comm, {"closure": closure}, **checked) for closure in ("touching", "conforming")]
@@ -68,6 +70,7 @@ def test_bodies_with_too_much_pressure_overlap_unloaded(comm: MPI.Intracomm) -> 
     assert line.value == pytest.approx(0.02, rel=0.1)
 
 
+@pytest.mark.release
 def test_bodies_with_the_pressure_of_a_forward_solve_have_its_gap(comm: MPI.Intracomm) -> None:
     apart = BLOCKS | {"parameters": BLOCKS["parameters"] | {"gap": 0.01}}
     result = solved(comm, {"closure": "given"}, mesh=apart, analysis="round_trip", first="forward")

@@ -76,6 +76,7 @@ def in_tube(x: np.ndarray, inside: float, outside: float, power: int = 1) -> np.
     return np.stack([-x[:, 1] / r * c, x[:, 0] / r * c, s], axis=1)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_helices_in_a_tube_agree_with_the_closed_form(comm: MPI.Intracomm) -> None:
     errors = []

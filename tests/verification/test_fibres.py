@@ -246,6 +246,7 @@ def spiral(given_on: str) -> dict[str, Any]:
     return {"direction": [f"1 m + {z}", f"0.5*{x}", f"-{y} - 0.2 m"], "given_on": given_on}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_bent_blocks_with_fibres_on_either_body_come_back(comm: MPI.Intracomm) -> None:
     for hexahedra, degree in ((False, 2), (True, 1)):

@@ -82,6 +82,7 @@ def test_friction_that_is_given_does_not_hold_a_free_block(comm: MPI.Intracomm) 
         solved(comm, {"friction": 0.6, "closure": "touching"}, analysis="inverse", **RAMP)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("first", "hexahedra"),
     [("bottom", False), *(pytest.param("top", hexahedra, marks=pytest.mark.release) for hexahedra in (True, False))],
@@ -104,6 +105,7 @@ def test_a_dragged_block_loses_friction_times_its_way(comm: MPI.Intracomm, first
     assert report.friction.largest == pytest.approx(report.friction.allowed, rel=1e-9)
 
 
+@pytest.mark.release
 def test_blocks_that_stick_are_tied(comm: MPI.Intracomm) -> None:
     data = {"mesh": blocks(lower=2, upper=2), "effects": [traction(0.01, 0.005, -0.1)]}
     sticks = solved(comm, {"friction": 2.0}, **data).solutions[0]
@@ -173,6 +175,7 @@ DRAGGED: dict[str, Any] = {
 }
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_coulomb_friction_of_one_load_step_closes(comm: MPI.Intracomm) -> None:
     solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 1}
@@ -187,6 +190,7 @@ def test_coulomb_friction_of_one_load_step_closes(comm: MPI.Intracomm) -> None:
     assert back.friction.energy_lost == pytest.approx(there.friction.energy_lost, rel=1e-6)
 
 
+@pytest.mark.release
 def test_friction_of_a_forward_solve_closes(comm: MPI.Intracomm) -> None:
     contact = {"friction": FRICTION, "closure": "given"}
     result = solved(comm, contact, first="forward", **DRAGGED)
@@ -206,6 +210,7 @@ def line_on_friction(comm: MPI.Intracomm, closure: str) -> Line:
     return line
 
 
+@pytest.mark.release
 def test_certificate_warns_of_sticking_that_needs_more_than_friction(comm: MPI.Intracomm) -> None:
     sticks, slides = (line_on_friction(comm, closure) for closure in ("stick", "coulomb"))
     assert sticks.verdict is Verdict.WARN
@@ -216,6 +221,7 @@ def test_certificate_warns_of_sticking_that_needs_more_than_friction(comm: MPI.I
     assert slides.value == pytest.approx(1.0, rel=1e-6)
 
 
+@pytest.mark.release
 def test_a_path_of_several_steps_is_known_to_the_certificate(comm: MPI.Intracomm) -> None:
     """Its lines put the solution, whose slip began with the step before."""
     solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 2}

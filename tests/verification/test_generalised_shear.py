@@ -58,6 +58,7 @@ def test_stress_converges_with_order_two_on_hexahedra(direction: str, comm: MPI.
     assert errors[-1] < 3e-3
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("direction", ["forward", pytest.param("inverse", marks=pytest.mark.release)])
 def test_stress_converges_on_tetrahedra(direction: str, comm: MPI.Intracomm) -> None:
     """The pressure loses half an order: in corners of this regular mesh, cells have all vertices on the boundary."""

@@ -69,6 +69,7 @@ def effectivities(result: package.Result, exact: dict[str, float]) -> dict[str, 
     return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("hexahedra", [False, pytest.param(True, marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
@@ -78,6 +79,7 @@ def test_the_error_of_straight_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intr
     assert all(0.8 < value < 1.25 for value in ratios.values())
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_the_error_of_curved_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """Without the geometry there would be no error of the volume, which is incompressible."""
@@ -87,6 +89,7 @@ def test_the_error_of_curved_cells_on_a_sphere(hexahedra: bool, comm: MPI.Intrac
     assert all(0.5 < ratios[name] < 2 for name in ("inner", "outer"))
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("direction", ["inverse", pytest.param("forward", marks=pytest.mark.release)])
 def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Intracomm) -> None:
     inner, outer = (cylinder.INNER, cylinder.OUTER) if direction == "inverse" else (cylinder.A, cylinder.B)
@@ -110,6 +113,7 @@ def test_the_error_of_straight_cells_on_a_cylinder(direction: str, comm: MPI.Int
     assert 0.8 < ratio < 1.25
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3, 2, 1])
 @pytest.mark.parametrize("many", [math.inf, 0.0])
 def test_the_error_of_straight_cells_that_turn(

@@ -70,6 +70,7 @@ def section(parameters: dict[str, Any], values: dict[str, Any], sd: dict[str, fl
     return {"parameters": parameters, "observations": observed}
 
 
+@pytest.mark.release
 def test_a_sphere_at_two_pressures(comm: MPI.Intracomm, tmp_path: Path) -> None:
     """Given at one pressure, its inner radius ``a`` at another one gives its modulus, by a closed form."""
 

@@ -61,6 +61,7 @@ def test_rounded_factors_do_not_change_the_sign_of_a_small_eigenvalue(
     assert factors.inertia.negative == (least < 0)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_factors_of_a_forward_solve_give_its_inertia(comm: MPI.Intracomm) -> None:
     """Of a block that is squeezed to half its height, and may then bulge to either side."""

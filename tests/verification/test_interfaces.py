@@ -59,6 +59,7 @@ DAILY = [
 ]
 
 
+@pytest.mark.everyday("tied-tetrahedra", "tied-quadratic-hexahedra", "contact-tetrahedra")
 @pytest.mark.parametrize(
     ("kind", "form"), [pytest.param(*case, marks=() if case in DAILY else pytest.mark.release) for case in CASES]
 )
@@ -79,6 +80,7 @@ def test_blocks_of_unequal_meshes_have_uniform_stress(comm: MPI.Intracomm, kind:
     assert pressures == pytest.approx(0.3 if kind == "tied" else 0.3 / area, abs=1e-8)
 
 
+@pytest.mark.everyday("2-inverse")
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_tied_blocks_of_equal_meshes_are_one_block(comm: MPI.Intracomm, analysis: str, degree: int) -> None:
@@ -91,6 +93,7 @@ def test_tied_blocks_of_equal_meshes_are_one_block(comm: MPI.Intracomm, analysis
         assert np.abs(whole.u[same] - u).max() < 1e-10
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3, 2, 1])
 @pytest.mark.parametrize("first", ["inverse", "forward"])
 def test_tied_blocks_come_back(comm: MPI.Intracomm, first: str) -> None:
@@ -102,6 +105,7 @@ def test_tied_blocks_come_back(comm: MPI.Intracomm, first: str) -> None:
     assert back.force == pytest.approx(there.force, abs=1e-10)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3, 1])
 def test_bodies_that_are_pressed_together_carry_what_one_body_does(comm: MPI.Intracomm) -> None:
     """Two blocks are 5 cm apart, and the upper one is moved down by 10 cm."""
@@ -131,6 +135,7 @@ def test_contact_opens_where_bodies_are_pulled_apart(comm: MPI.Intracomm) -> Non
     assert places[(pressure == 0) & (places > 0.9 * places.max())].size
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("first", ["inverse", "forward"])
 def test_blocks_that_slide_come_back(comm: MPI.Intracomm, first: str) -> None:

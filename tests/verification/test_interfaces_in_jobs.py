@@ -59,6 +59,7 @@ def results_of(result: Result) -> np.ndarray:
     return np.array([*np.ravel(forces), result.quantities["travel"], result.errors["round_trip"]["max"]])
 
 
+@pytest.mark.everyday("given-2")
 @pytest.mark.parallel(2)
 @pytest.mark.parametrize(
     ("kind", "from_end"),
@@ -84,6 +85,7 @@ def test_stopped_runs_resume_on_another_number_of_ranks(
     assert np.abs(comm.bcast(resumed) - results_of(whole)).max() < 1e-10
 
 
+@pytest.mark.everyday("sliding")
 @pytest.mark.parametrize("kind", [pytest.param("tied", marks=pytest.mark.release), "sliding", "given", "pressure"])
 def test_cases_that_share_their_equations_equal_single_jobs(kind: str) -> None:
     changes: dict[str, Any] = {"material": {"law": "neo-hookean", "mu": 1.7, "lam": 2.0}}
@@ -95,6 +97,7 @@ def test_cases_that_share_their_equations_equal_single_jobs(kind: str) -> None:
     assert np.abs(results_of(shared) - results_of(first)).max() > 1e-3
 
 
+@pytest.mark.release
 def test_a_body_on_an_interface_leans_on_a_rigid_wall() -> None:
     """Tolerances of the wall are far above the interface's, which would follow the last digits of the wall's pressure.
 

@@ -63,6 +63,7 @@ def everywhere(solution: Solution, comm: MPI.Intracomm) -> np.ndarray:
     return np.vstack(comm.allgather(np.hstack([solution.mesh_nodes, solution.u])))
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(
     ("analysis", "pairs"),
@@ -113,6 +114,7 @@ def test_labels_without_a_common_facet_are_refused(blocks: dict[str, Any], tmp_p
         hpcinv.run(posed, MPI.COMM_SELF)
 
 
+@pytest.mark.release
 def test_contact_between_labels_opens_up_to_its_closed_edge(blocks: dict[str, Any]) -> None:
     """The lid is lifted from one block, and stays joined to the other one."""
     data = GIVEN | {"mesh": blocks, "interfaces": interfaces("contact", ("left", "lid"))}

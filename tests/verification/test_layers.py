@@ -129,7 +129,7 @@ def test_the_way_forward(hexahedra: bool, comm: MPI.Intracomm) -> None:
 GROWN = {"core": 1.06, "elsewhere": 0.97}
 
 
-@pytest.mark.everyday("growth", "prestrain")
+@pytest.mark.everyday("prestrain")
 @pytest.mark.parametrize(
     "effect",
     [
@@ -175,6 +175,7 @@ def test_ranks_agree_and_the_return_solve_closes(hexahedra: bool, comm: MPI.Intr
     assert pressures[0] == pytest.approx(pressures[1], rel=1e-9)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("mu", [MU, dict.fromkeys(MU, 50e3)], ids=["different", "the same"])
 def test_slopes_by_the_modulus_of_a_layer(mu: Mapping[str, float], comm: MPI.Intracomm) -> None:
     """Also where layers are the same now: then the derivative of the pressure jumps, and not the pressure."""

@@ -81,6 +81,7 @@ def sequence(*cases: str, **data: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_the_path_meets_the_end_of_each_case_and_ends_where_all_loads_at_once_end(comm: MPI.Intracomm) -> None:
     fixed = {"solver": {"strategy": "fixed", "steps": 2}}
@@ -104,6 +105,7 @@ def test_the_path_meets_the_end_of_each_case_and_ends_where_all_loads_at_once_en
         assert middles[1] < 1e-11
 
 
+@pytest.mark.release
 def test_inverse_paths_follow_load_cases_and_the_first_takes_loads_without_case(comm: MPI.Intracomm) -> None:
     inverse = {"analysis": "inverse"}
     together = LoadPath.of(comm, effects=[WEIGHT, PUSH], supports=[HELD, MOVED], **inverse)

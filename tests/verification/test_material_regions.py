@@ -98,6 +98,7 @@ def stress_error(result: Result, lower: np.ndarray, upper: np.ndarray) -> float:
     return largest(result.body.mesh.comm, (stress_values - np.where(is_lower[:, None, None], lower, upper))[:owned])
 
 
+@pytest.mark.everyday("block of a partitioned mesh")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(
     "rest", ["elsewhere", pytest.param("block", marks=pytest.mark.release), "block of a partitioned mesh"]
@@ -150,6 +151,7 @@ def test_two_confined_layers_stretch_each_by_its_own_law(
         assert stress < 1e-11  # of the solver's tolerance, 1e-12
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_sheared_layers_of_two_laws_one_of_them_incompressible(comm: MPI.Intracomm) -> None:
     """Layers of isochoric neo-Hookean (μ, shear γ₁) and Mooney–Rivlin (γ₂): the continuous pressure must serve both.
@@ -223,6 +225,7 @@ def stretch_at(position: np.ndarray) -> Any:
 GRADED = {"mu": "10 kPa*(1 + 2*({0}/(1 m))^2)", "lam": "40 kPa*exp(-{0}/(1 m))"}
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("position", ["Z", "z"])
 def test_a_graded_bar_stretches_as_its_quadrature_says(position: str, comm: MPI.Intracomm) -> None:
     """Moduli on the undeformed bar give dz/dZ = λ(Z), on the deformed one dZ/dz = 1/λ(z); both ways, order four.

@@ -216,6 +216,7 @@ def test_a_tetrahedron_ends_where_the_direct_method_does(law: str, density_in: s
     assert taken["anderson"] <= taken["sellier"] / 2
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_an_incompressible_block_ends_where_the_direct_method_does(comm: MPI.Intracomm) -> None:
     direct = hpcinv.run(job(**block()), comm)
@@ -259,6 +260,7 @@ def test_cold_starts_cost_more_and_end_at_the_same_body(comm: MPI.Intracomm) -> 
     assert counts[0] < counts[1]
 
 
+@pytest.mark.release
 def test_relaxation_slows_a_good_fixed_point_down(comm: MPI.Intracomm) -> None:
     """Where the plain method leaves a share ±θ of the error, the relaxed one leaves 1 - ω (1 ∓ θ)."""
     omega = 0.8

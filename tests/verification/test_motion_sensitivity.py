@@ -27,6 +27,7 @@ BLOCK: dict[str, Any] = {
 }
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_slopes_by_a_motion_are_differences_of_whole_runs(analysis: str, comm: MPI.Intracomm) -> None:
     with Workspace(comm) as workspace:

@@ -34,6 +34,7 @@ def times_logged(event: str) -> int:
     return int(PETSc.Log.Event(event).getPerfInfo()["count"])
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("solver", [{}, {"strategy": "fixed", "steps": 4}], ids=["default", "four steps"])
 def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.Intracomm) -> None:
     PETSc.Log.begin()
@@ -52,6 +53,7 @@ def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intr
     assert np.abs(default.shape - careful.shape).max() < 1e-10 * silicone_beam.LENGTH
 
 
+@pytest.mark.release
 def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracomm) -> None:
     result = beam(comm, load=2.0)
     solves = result.solutions[0].solves
@@ -61,6 +63,7 @@ def test_step_that_would_turn_too_far_is_shortened_beforehand(comm: MPI.Intracom
     assert np.abs(result.shape - small_steps.shape).max() < 1e-10 * silicone_beam.LENGTH
 
 
+@pytest.mark.release
 def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.Intracomm) -> None:
     """A block whose top is moved sideways by twice its height."""
     sheared, small_steps = (
@@ -91,6 +94,7 @@ def test_forward_beam_takes_few_factorizations(load: float, most: int, comm: MPI
     assert beam(comm, load=load).solutions[0].factorizations <= most
 
 
+@pytest.mark.release
 def test_slender_beam_of_stiff_volume_needs_no_rescue(comm: MPI.Intracomm) -> None:
     """In the displacement form, with a bulk modulus 1e5 times the shear modulus, and 21 times as long as thick."""
     result = hpcinv.run(

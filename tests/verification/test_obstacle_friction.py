@@ -63,6 +63,7 @@ def test_a_block_on_a_ramp_above_the_angle_of_friction_finds_no_rest(comm: MPI.I
         solved(comm, [gravity, floor(friction=FRICTION)], [], solver=solver)
 
 
+@pytest.mark.everyday("block")
 @pytest.mark.parametrize("mover", ["block", "floor"])
 def test_dragging_loses_friction_times_the_way(mover: str, comm: MPI.Intracomm) -> None:
     """The block is pressed on at first, then block or floor is dragged by 10 cm."""
@@ -83,6 +84,7 @@ def test_dragging_loses_friction_times_the_way(mover: str, comm: MPI.Intracomm) 
     assert set(states[contact.fields[1].x.array > 0]) == {2.0}
 
 
+@pytest.mark.release
 def test_without_friction_a_closure_presses_as_contact_does(comm: MPI.Intracomm) -> None:
     """A block between smooth walls has a uniform pressure."""
     effects, supports = [floor()], [{"region": "z1", "displacement": [None, None, -0.05]}]
@@ -95,6 +97,7 @@ def test_without_friction_a_closure_presses_as_contact_does(comm: MPI.Intracomm)
     assert np.abs(paired.u - plain.u).max() < 1e-4  # of which plain contact penetrates 1/65536
 
 
+@pytest.mark.release
 def test_a_very_rough_floor_clamps(comm: MPI.Intracomm) -> None:
     push = {"effect": "traction", "region": "z1", "traction": [0.01, 0.005, -0.1], "area_in": "reference"}
     sticks = solved(comm, [push, floor(friction=2.0)], []).solutions[0]
@@ -134,6 +137,7 @@ def test_tangent_is_the_derivative(obstacle: dict[str, Any], comm: MPI.Intracomm
     assert np.abs(system.rhs.array - expected).max() < 1e-8 * np.abs(expected).max()
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3, 1])
 @pytest.mark.parametrize("closure", ["coulomb", pytest.param("given", marks=pytest.mark.release)])
 def test_friction_on_an_obstacle_closes(closure: str, comm: MPI.Intracomm) -> None:
@@ -161,6 +165,7 @@ def test_an_obstacle_that_travels_drags_as_a_support_that_moves_back(comm: MPI.I
     assert np.abs(shift - [0.05, 0, 0]).max() < 1e-8
 
 
+@pytest.mark.everyday("conforming")
 @pytest.mark.parametrize("closure", ["conforming", "gap"])
 def test_unloaded_bodies_have_the_assumed_gap(closure: str, comm: MPI.Intracomm) -> None:
     data = {"closure": closure} | ({"rest_gap": 0.01} if closure == "gap" else {})

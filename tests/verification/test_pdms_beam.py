@@ -58,6 +58,7 @@ def test_tip_converges_and_to_what_beam_theory_gives(comm: MPI.Intracomm) -> Non
     assert tips[1] == pytest.approx(elastica_tip(), rel=6e-3)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Intracomm) -> None:
     result = beam("5.5 mm", comm, analysis="round_trip", first="forward")
@@ -72,6 +73,7 @@ def test_beam_comes_back_straight_and_every_number_of_ranks_agrees(comm: MPI.Int
         assert np.abs(nodes - reorder_to_source(alone.body, alone.shape)).max() < 1e-9
 
 
+@pytest.mark.release
 def test_shipped_shape_gives_the_straight_beam(comm: MPI.Intracomm) -> None:
     result = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "pdms-beam.yaml").with_({"certificate": "off"}), comm)
     assert result.errors["expected_shape"]["relative"] < 1e-9

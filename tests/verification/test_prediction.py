@@ -91,6 +91,7 @@ def test_mixed_integration_point_term_is_symmetric_and_of_second_order(form: str
     equilibrium.destroy()
 
 
+@pytest.mark.everyday("displacement")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("form", FORMS)
 def test_mixed_integration_point_term_is_equal_by_compiled_forms_and_in_place(form: str, comm: MPI.Intracomm) -> None:

@@ -27,6 +27,7 @@ BLOCK: dict[str, Any] = {
 }
 
 
+@pytest.mark.everyday("arc-length")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("strategy", ["adaptive", "arc-length"])
 def test_a_body_that_the_inverse_found_is_loaded_again(strategy: str, comm: MPI.Intracomm) -> None:

@@ -41,6 +41,7 @@ def integral(name: str, formula: str, region: str) -> dict[str, str]:
     return {"name": name, "of": formula, "on": region, "reduce": "integral", "over": "reference"}
 
 
+@pytest.mark.everyday("displacement")
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
 @pytest.mark.parallel([1, 2])
 def test_a_clamp_carries_the_weight_of_the_body(comm: MPI.Intracomm, form: dict[str, Any]) -> None:
@@ -70,6 +71,7 @@ def test_a_clamp_carries_the_weight_of_the_body(comm: MPI.Intracomm, form: dict[
         )
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3])
 def test_a_clamp_carries_the_traction_on_the_opposite_face(comm: MPI.Intracomm) -> None:
     t = np.array([200.0, 0.0, 500.0])
@@ -90,6 +92,7 @@ def test_a_clamp_carries_the_traction_on_the_opposite_face(comm: MPI.Intracomm) 
         assert quantities["torque"] == pytest.approx(-moment, rel=1e-9, abs=1e-9 * np.linalg.norm(moment))
 
 
+@pytest.mark.everyday("displacement")
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
 @pytest.mark.parallel([2, 1])
 def test_prescribed_tension_takes_the_force_of_the_closed_form(comm: MPI.Intracomm, form: dict[str, Any]) -> None:

@@ -48,9 +48,9 @@ def test_tension_and_bending_of_a_straight_bar() -> None:
     assert load.motion.move == pytest.approx([0, angle / 2, 0], abs=1e-5 * angle)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
-@pytest.mark.everyday("direct")
 def test_inverse_with_a_large_motion(comm: MPI.Intracomm, linear: str) -> None:
     remote = {"force": [0.4, -0.2, 0.3], "moment": [0.3, 0.2, 1.5], "about": [1.1, 0.2, 0.1]}
     solver = {"tolerance": 1e-12, "linear": linear}
@@ -69,6 +69,7 @@ def test_inverse_with_a_large_motion(comm: MPI.Intracomm, linear: str) -> None:
     assert held.quantities["moment"] == pytest.approx(remote["moment"], abs=1e-8)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_derivatives_of_the_balance(comm: MPI.Intracomm) -> None:
     for direction in ("forward", "inverse"):

@@ -71,6 +71,7 @@ def solved(path: Path, source: MeshSource, degree: int, material: dict[str, Any]
     return hpcinv.run(data, MPI.COMM_SELF)
 
 
+@pytest.mark.everyday("3-material0")
 @pytest.mark.parametrize(("degree", "material"), [(3, ONE), (2, LAYERS)])
 def test_no_result_depends_on_the_numbering_of_the_mesh(degree: int, material: dict[str, Any], tmp_path: Path) -> None:
     source = bar()

@@ -72,11 +72,13 @@ def test_lengthening_converges_with_order_four(direction: str, density_in: str, 
     assert abs(errors[-1]) < 1e-8
 
 
+@pytest.mark.release
 def test_the_job_that_comes_with_the_project(comm: MPI.Intracomm) -> None:
     quantities = hpcinv.run(hpcinv.load(HERE.parents[1] / "jobs" / "rotating-bar.yaml"), comm).quantities
     assert quantities["length-at-rest"] == pytest.approx(rest_length(LENGTH, "reference"), abs=1e-8)
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_a_thin_bar_of_tetrahedra(direction: str, comm: MPI.Intracomm) -> None:
     error = rotated(direction, 32, comm, hexahedra=False)["end"] / lengthening(direction, "reference") - 1

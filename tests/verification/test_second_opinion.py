@@ -102,6 +102,7 @@ def test_every_effect_is_written_or_refused_by_its_name() -> None:
         assert kind in WRITERS or refused == [f"effects[0]: '{name}' has no counterpart"], name
 
 
+@pytest.mark.everyday("True")
 @needs_calculix
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_calculix_loads_the_rest_shape_into_the_given_body(hexahedra: bool, tmp_path: Path) -> None:

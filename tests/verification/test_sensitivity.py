@@ -66,6 +66,7 @@ def slopes_of_stretch() -> dict[str, float]:
     return {"mu": -(s**2 - 1) / by_stretch, "lam": -3 * np.log(s) / by_stretch, "pressure": -(s**3) / by_stretch}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_a_squeezed_cube(comm: MPI.Intracomm) -> None:
     """Nodes and energy follow the stretch; the pressure inside is that outside, whatever the moduli are."""
@@ -122,6 +123,7 @@ def test_first_order_is_what_a_sample_has(comm: MPI.Intracomm) -> None:
     assert deviations == pytest.approx(3 * [spread], rel=0.02)
 
 
+@pytest.mark.release
 def test_a_thick_sphere_by_its_pressure_and_modulus(comm: MPI.Intracomm) -> None:
     """``p = mu g(A)``, so that ``dA/dp = 1/(mu g'(A))`` and ``dA/dmu = -p/(mu² g'(A))``; incompressible."""
     mesh = {"radial": 3, "along": 3, "hexahedra": True, "inner": INNER}
@@ -325,6 +327,7 @@ def test_two_laws_and_values_by_region_in_an_inverse_analysis(comm: MPI.Intracom
     check(LAYERS, LAYERS_STRESSES, LAYERS_OTHERS, comm)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_a_nearly_incompressible_body_in_a_forward_analysis(comm: MPI.Intracomm) -> None:
     check(RUBBER, RUBBER_STRESSES, {}, comm)
@@ -343,6 +346,7 @@ def test_young_and_poisson_are_the_same_law_by_other_numbers(comm: MPI.Intracomm
         np.testing.assert_allclose(nodes[f"material.{name}"], expected, rtol=0, atol=1e-12 * size)
 
 
+@pytest.mark.release
 def test_sensitivities_of_a_round_trip_are_of_its_first_solution(comm: MPI.Intracomm) -> None:
     keys = {"material.mu": 100.0}
     alone = of(package.run(squeezed(analysis="inverse", sensitivities=keys), comm))

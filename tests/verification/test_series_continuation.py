@@ -65,6 +65,7 @@ def factorizations(solution: Solved) -> int:
     return sum(solve.factorizations for solve in solution.solves)
 
 
+@pytest.mark.everyday("inverse", "prescribed motion")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("name", PATHS)
 def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intracomm) -> None:
@@ -123,6 +124,7 @@ def test_auto_takes_a_series_where_steps_would_fail_or_take_several_tangents(
         assert {solve.strategy for solve in solved(comm, "auto", **PATHS["inverse"]).solves} == {strategy}
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_limit_load_is_located(analysis: str, comm: MPI.Intracomm) -> None:
     """A cube under 1.2 times the tension that it carries from all sides; there is a closed form."""
@@ -189,6 +191,7 @@ def arch(place: Path, multiple: float, solver: dict[str, str], **data: Any) -> J
     )
 
 
+@pytest.mark.everyday("0.98-Verdict.PASS")
 @pytest.mark.parametrize(("share", "verdict"), [(0.98, Verdict.PASS), (2.5, Verdict.UNDECIDED)])
 def test_jump_in_the_first_load_step_is_seen(
     share: float, verdict: Verdict, comm: MPI.Intracomm, run_directory: Path

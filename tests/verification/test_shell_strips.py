@@ -65,6 +65,7 @@ def test_end_shear_of_a_cantilever_both_ways(tmp_path: Path, cells: str, thickne
     assert gap(result) < (1e-8 if is_thin else 1e-9) * 10
 
 
+@pytest.mark.release
 def test_short_cantilever_shears_as_a_solid(tmp_path: Path) -> None:
     """Tip w = F L³/(3 E I) + 6/5 F L/(G A): the shear factor of one layer is 5/6, the factor of a solid."""
     length, thickness, force = 4.0, 1.0, 1e-6 * YOUNG
@@ -130,6 +131,7 @@ def test_end_moment_of_a_cantilever(tmp_path: Path) -> None:
     assert boundary.body_kind == "shell"
 
 
+@pytest.mark.everyday("2")
 @pytest.mark.parametrize("layers", [1, 2])
 def test_moment_on_an_edge_that_contracts(tmp_path: Path, layers: int) -> None:
     """A strip whose width is held bends to an arc of 80° under ``E t³ κ/(12 (1 - ν²))``, and comes back."""
@@ -156,6 +158,7 @@ def test_moment_on_an_edge_that_contracts(tmp_path: Path, layers: int) -> None:
     assert gap(result) < 1e-8
 
 
+@pytest.mark.release
 def test_hinged_strip_sags_as_a_beam(tmp_path: Path) -> None:
     """A hinge holds the midsurface alone: 5 w L⁴/(384 E I); a clamped strip sags a fifth as far.
 
@@ -259,6 +262,7 @@ def test_bimetal_strip_bends_as_timoshenko_says(tmp_path: Path) -> None:
     assert gap(result) < 1e-10 * length
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("cells", "thickness", "gravity"), [(8, 0.02, 0.5), pytest.param(16, 0.002, 0.02, marks=pytest.mark.release)]
 )

@@ -24,6 +24,7 @@ SIDES = {"region": "y0", "fix": ["y"]}
 DIRECTIONS = [[2 / 3, -1 / 3, 2 / 3], [2 / 3, 2 / 3, -1 / 3], [-1 / 3, 2 / 3, 2 / 3]]
 
 
+@pytest.mark.release
 def test_rigid_rotation_strains_nothing(tmp_path: Path) -> None:
     path = save_sheet(tmp_path / "sheet.msh", 4, 1, cylinder(2, 1, 1.2))
     end = [2 * np.cos(1.2), 2 * np.sin(1.2), 0.5]
@@ -115,6 +116,7 @@ def test_error_estimate_of_a_ring_that_bends_far_has_the_right_sign(tmp_path: Pa
     assert coarse.estimate.quantities["q"] == pytest.approx(fine.quantities["q"] - coarse.quantities["q"], rel=0.05)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "name", [n if n == LINEAR["law"] else pytest.param(n, marks=pytest.mark.release) for n in laws()]
 )

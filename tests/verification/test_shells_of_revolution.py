@@ -18,6 +18,7 @@ from hpcinv.results.cell_fields import face_arrays
 HALVED = [{"region": "x0", "fix": ["x"]}, {"region": "y0", "fix": ["y"]}]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize("face", ["inner", pytest.param("outer", marks=pytest.mark.release)])
 def test_pressure_acts_on_the_faces_of_a_thick_cylinder(tmp_path: Path, comm: MPI.Intracomm, face: str) -> None:

@@ -101,6 +101,7 @@ def test_stress_energy_and_shape_are_exact(
     check(solve(direction, 0.4, material, mesh, discretisation, comm), 0.4, *exact)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([3])
 def test_shears_are_exact_on_more_ranks(comm: MPI.Intracomm) -> None:
     """A small shear of one case, and a large one of another, in different directions."""

@@ -39,6 +39,7 @@ def data_of(name: str, *, incompressible: bool, **options: Any) -> dict[str, Any
     return slab(replace(problem, lam=None) if incompressible else problem, **options)
 
 
+@pytest.mark.everyday("cantilever-False-False-2", "cantilever-True-True-2", "slot-True-False-2")
 @pytest.mark.parametrize(
     ("name", "incompressible", "hexahedra", "displacement"),
     [
@@ -73,6 +74,7 @@ def test_estimates_are_right_by_a_factor_of_2_or_say_that_they_are_not_reliable(
         assert line.verdict is not Verdict.PASS or 10 * (line.value or 0) <= 0.05
 
 
+@pytest.mark.everyday("0.0")
 @pytest.mark.parametrize("operations", [0.0, float("inf")])
 def test_second_order_errors_of_the_correction_are_corrected(
     operations: float, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch

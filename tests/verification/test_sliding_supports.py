@@ -64,7 +64,7 @@ def sagged(
 
 @pytest.mark.parametrize("form", FORMS, ids=IDS)
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
-@pytest.mark.everyday("direct-mixed", "iterative-displacement")
+@pytest.mark.everyday("iterative-displacement")
 @pytest.mark.parallel([2, 1])  # three ranks are in the test below
 def test_a_turned_block_on_oblique_planes_sags_as_one_along_axes(
     comm: MPI.Intracomm, tmp_path: Path, form: dict[str, Any], linear: str

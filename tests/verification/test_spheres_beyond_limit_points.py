@@ -45,7 +45,7 @@ def balloon(comm: MPI.Intracomm, share: float, *, hexahedra: bool, **solver: Any
     )
 
 
-@pytest.mark.everyday("hexes")
+@pytest.mark.everyday("hexes before")
 @pytest.mark.parametrize(
     ("hexahedra", "limit_points", "radius_within", "limit_within"),
     [(True, 0, 1e-3, 0.0), (True, 1, 1e-3, 3e-4), (False, 1, 8e-3, 3e-3)],
@@ -212,6 +212,7 @@ def radius_before(p: float, steps: int = 50) -> float:
     return low
 
 
+@pytest.mark.release
 def test_a_compressible_sphere_at_rest(comm: MPI.Intracomm) -> None:
     p = 0.5 * MU
     result = hpcinv.run(

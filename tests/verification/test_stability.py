@@ -72,6 +72,7 @@ def test_spurious_modes_of_hexahedra_are_not_taken_for_instabilities(divisions: 
     assert "spurious" in line.note
 
 
+@pytest.mark.everyday("0.65-False", "0.65-True")
 @pytest.mark.parametrize("hexahedra", [False, True])
 @pytest.mark.parametrize("share", [0.65, 0.97])
 def test_a_block_short_of_its_surface_instability_does_not_fail(
@@ -84,6 +85,7 @@ def test_a_block_short_of_its_surface_instability_does_not_fail(
         assert line.verdict is Verdict.PASS
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_block_beyond_its_surface_instability_fails(hexahedra: bool, comm: MPI.Intracomm) -> None:
     line = line_of(half_block(1 - 1.12 * (1 - SURFACE), 8, hexahedra=hexahedra), comm)
@@ -92,6 +94,7 @@ def test_a_block_beyond_its_surface_instability_fails(hexahedra: bool, comm: MPI
     assert 1 <= line.value <= 3
 
 
+@pytest.mark.everyday("displacement-Verdict.PASS")
 @pytest.mark.parametrize(("formulation", "verdict"), [("displacement", Verdict.PASS), ("mixed", Verdict.UNDECIDED)])
 def test_a_compressible_block_short_of_its_limit(formulation: str, verdict: Verdict, comm: MPI.Intracomm) -> None:
     material = NEO_HOOKEAN | {"kappa": 20.0}
@@ -101,6 +104,7 @@ def test_a_compressible_block_short_of_its_limit(formulation: str, verdict: Verd
     )
 
 
+@pytest.mark.everyday("False-1.5", "True-1.5", "True-4.0")
 @pytest.mark.parametrize("stretch", [1.5, 4.0])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_block_under_tension_is_stable(stretch: float, hexahedra: bool, comm: MPI.Intracomm) -> None:
@@ -115,10 +119,12 @@ def buckling(kh: float) -> float:
 
 
 @pytest.mark.everyday(
-    "incompressible-True",
-    "incompressible-False-0.3-divisions0-1.1",
-    "200.0-True-0.3-divisions0-0.98",
-    "100.0-False-0.3-divisions0-1.1",
+    "incompressible-True-0.3-divisions0-0.98-0",
+    "incompressible-True-0.3-divisions0-1.1-1",
+    "incompressible-True-1.0-divisions1-0.98-0",
+    "incompressible-True-1.0-divisions1-1.1-1",
+    "incompressible-False-0.3-divisions0-1.1-1",
+    "200.0-True-0.3-divisions0-0.98-0",
 )
 @pytest.mark.parametrize(("share", "unstable"), [(0.98, 0), (1.1, 1)])
 @pytest.mark.parametrize(("kh", "divisions"), [(0.3, (8, 2, 1)), (1.0, (8, 4, 1))])
@@ -190,6 +196,7 @@ def slope(stretch: float, ratio: float) -> float:
     return ((-4 * outer**-2 - 4 * outer**-5) * by + 4 * stretch**-2 + 4 * stretch**-5) / 2
 
 
+@pytest.mark.everyday("False-0.9-0", "False-1.1-1", "True-0.9-0")
 @pytest.mark.parametrize(("share", "unstable"), [(0.9, 0), (1.1, 1)])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_sphere_beyond_its_largest_pressure_is_unstable(
@@ -297,6 +304,7 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
 # Laws, effects and fibres together
 
 
+@pytest.mark.everyday("1.5-2")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("share", "unstable"), [(0.7, 0), (1.5, 2)])
 def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.Intracomm) -> None:

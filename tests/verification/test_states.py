@@ -141,6 +141,7 @@ def test_the_error_of_a_further_state_includes_the_rest_shape(comm: MPI.Intracom
 LOW, FULLER = (f"states[{i}].effects[0].pressure" for i in (0, 2))
 
 
+@pytest.mark.release
 def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     """Inflated as given, at rest, and under twice the pressure (incompressible neo-Hooke)."""
 
@@ -201,6 +202,7 @@ def test_a_sphere_in_three_states(comm: MPI.Intracomm) -> None:
     assert derivatives.deviations["inner-fuller"] == pytest.approx(deviation, rel=3e-4)
 
 
+@pytest.mark.release
 def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
     """A block that is measured hot between plates; cold, hot again, colder still, and free under a traction."""
 
@@ -247,6 +249,7 @@ def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
     assert result.quantities["side-free"] == pytest.approx(across(free) * cold, rel=1e-10)
 
 
+@pytest.mark.everyday("9")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("iterations", [3, 9])
 def test_a_run_that_stops_in_any_state_goes_on_to_the_same_shapes(

@@ -36,6 +36,7 @@ def test_a_free_cube_expands_without_stress(direction: str, comm: MPI.Intracomm)
     check(solve(direction, comm, effects=[HEAT]), HOT * np.eye(3), NOTHING)
 
 
+@pytest.mark.release
 @both_ways
 def test_an_incompressible_cube_expands_too(direction: str, comm: MPI.Intracomm) -> None:
     material = NEO_HOOKEAN | {"lam": "incompressible"}
@@ -76,6 +77,7 @@ def test_oblique_fibres_grow_without_stress_if_the_boundary_follows(
     check(solve(direction, comm, effects=[GROWTH], fibres=fibres, supports=supports), F, NOTHING)
 
 
+@pytest.mark.everyday("inverse")
 @both_ways
 def test_a_confined_cube_is_strained_by_growth(direction: str, comm: MPI.Intracomm) -> None:
     """``σ_i = J_g (mu (1/g_i² - 1) - lam ln J_g)``."""

@@ -278,6 +278,7 @@ def test_stress_on_facets_inside_is_refused_on_all_ranks(comm: MPI.Intracomm, ru
         assert "name a region that has such" in caught.value.advice
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2])
 def test_a_formula_without_a_finite_value_is_not_a_number_on_all_ranks(comm: MPI.Intracomm) -> None:
     for reduce in ("max", "min", "mean", "integral"):

@@ -129,6 +129,7 @@ def _whole(comm: MPI.Intracomm, rows: Floats) -> Floats:
     return np.concatenate(comm.allgather(rows))
 
 
+@pytest.mark.release
 def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> None:
     """Along the normals of a cube's faces: σ² at a point, and exp(-1/2) of it a correlation length away."""
     plain = block(mesh=box((4, 2, 2)))

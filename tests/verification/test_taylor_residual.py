@@ -112,6 +112,7 @@ def test_series_of_the_residual_converges_with_its_order(direction: str, formula
     assert errors(0.02)[-1] < 1e-13
 
 
+@pytest.mark.release
 def test_coefficients_at_a_point_agree_with_mpmath(comm: MPI.Intracomm) -> None:
     """Of the stress, the volume equation and all loads, at the first point of each integral."""
     model = model_of("inverse", "mixed", ANALYTIC, comm)

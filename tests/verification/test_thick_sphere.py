@@ -71,6 +71,7 @@ def test_radii_converge(hexahedra: bool, order: float, best: float, finest: int,
     assert largest[-1] < best
 
 
+@pytest.mark.release
 def test_a_mooney_rivlin_wall(comm: MPI.Intracomm) -> None:
     quantities = errors(0.1, 4, True, comm)
     print(f"c2 = 0.1 Pa: errors {digits(quantities)}")

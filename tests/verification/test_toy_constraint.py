@@ -128,6 +128,7 @@ def test_both_directions_find_the_same_reaction_and_shape(plugin: Path) -> None:
         assert pulled.solutions[0].u == pytest.approx(there.u, abs=1e-11)
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_sensitivities_agree_with_differences_of_runs(analysis: str, plugin: Path) -> None:
     values = {

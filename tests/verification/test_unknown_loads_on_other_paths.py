@@ -41,6 +41,7 @@ def solved(data: dict[str, Any], comm: MPI.Intracomm, directory: Path | None = N
     return hpcinv.run(job(**data | changes), comm, directory=directory).solutions[0]
 
 
+@pytest.mark.everyday("volume-arc-length", "remote load-arc-length")
 @pytest.mark.parametrize("strategy", STRATEGIES, ids=["fixed", "arc-length"])
 @pytest.mark.parametrize("body", [BALLOON, BAR], ids=["volume", "remote load"])
 def test_all_strategies_end_in_the_same_state(body: dict[str, Any], strategy: dict[str, Any]) -> None:
@@ -63,6 +64,7 @@ def test_a_balloon_passes_its_largest_pressure_along_the_length_of_the_path() ->
     assert found.cavities[0].volume == pytest.approx(12.0 * OCTANT, rel=1e-9)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_a_balloon_of_given_volume_presses_on_a_plate_as_one_of_the_pressure_found(comm: MPI.Intracomm) -> None:
     plate = {

@@ -132,6 +132,7 @@ def test_a_sphere_of_given_volume_has_the_slopes_of_its_closed_form(comm: MPI.In
     assert abs(slopes["full"]["material.c1"]) < 1e-10
 
 
+@pytest.mark.release
 def test_slopes_at_the_largest_pressure_of_a_balloon(comm: MPI.Intracomm) -> None:
     """There the tangent at given pressure is singular. At given volume, all stresses are in proportion to ``c1``."""
     with Workspace(comm) as workspace:
@@ -193,7 +194,7 @@ def arch(s: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.column_stack([s, 0.4 * t, 1.2 * s * (1 - s)])
 
 
-@pytest.mark.everyday("material", "force")
+@pytest.mark.everyday("force")
 @pytest.mark.parametrize(
     ("given", "key", "true"),
     [

@@ -44,6 +44,7 @@ def line_of(result: hpcinv.Result) -> Line:
     return line
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_balanced_loads_stretch_a_body_held_at_three_points(comm: MPI.Intracomm) -> None:
     """The closed form, with its rigid motion: the points are where they were, as far as they are held."""

@@ -95,6 +95,7 @@ def test_a_coarse_mesh_changes_volumes_that_cannot_change(
     assert "too coarse" in line.note
 
 
+@pytest.mark.release
 def test_good_answers_pass(comm: MPI.Intracomm) -> None:
     for good in (sphere(2, hexahedra=True), sheared(INCOMPRESSIBLE, 3, 0.02), sheared(nearly(0.49), 3, 0.02)):
         line = unaccounted(good, comm)
@@ -108,6 +109,7 @@ def test_a_compressible_material_may_change_its_volume(comm: MPI.Intracomm) -> N
     assert unaccounted(sheared(nearly(0.3), 2, 0.5), comm) is None
 
 
+@pytest.mark.release
 def test_growth_does_not_count_as_elastic_change_of_volume(comm: MPI.Intracomm) -> None:
     """A free cube that doubles its volume is free of stress."""
     grown = job(

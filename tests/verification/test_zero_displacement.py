@@ -65,7 +65,9 @@ def check(result: Result, comm: MPI.Intracomm, most: int) -> None:
         assert largest < 1e-13
 
 
-@pytest.mark.everyday("forward-displacement", "inverse-mixed")
+@pytest.mark.everyday(
+    "active-stress-forward-displacement", "growth-forward-displacement", "thermal-expansion-forward-displacement"
+)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -100,6 +102,20 @@ STRATEGIES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.everyday(
+    "short steps",
+    "fixed steps",
+    "full Newton",
+    "arc length",
+    "short arcs",
+    "iterative",
+    "line search",
+    "single precision",
+    "Anderson",
+    "round trip",
+    "there and back",
+    "load cases",
+)
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_strategy_reaches_zero_displacement(name: str, comm: MPI.Intracomm) -> None:
     result = hpcinv.run(case(**({"analysis": "forward"} | STRATEGIES[name])), comm)
@@ -123,6 +139,7 @@ BALANCES: dict[str, list[dict[str, Any]]] = {
 }
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_balanced_loads_move_nothing_and_pass(direction: str, comm: MPI.Intracomm) -> None:
@@ -139,6 +156,7 @@ def test_balanced_loads_move_nothing_and_pass(direction: str, comm: MPI.Intracom
         assert "loads and inelastic strains" in lines[ROUND_TRIP.name].note
 
 
+@pytest.mark.release
 def test_held_under_its_weight_passes(comm: MPI.Intracomm) -> None:
     """An incompressible block in a box with a free top: p = ρ g (H - z), and nothing moves."""
     sides = [{"region": f"{axis}{end}", "fix": [axis]} for axis in "xy" for end in (0, 1)]
@@ -156,6 +174,7 @@ def test_held_under_its_weight_passes(comm: MPI.Intracomm) -> None:
     assert not result.totals.warnings
 
 
+@pytest.mark.release
 def test_units_change_nothing(comm: MPI.Intracomm) -> None:
     """The same body in units of length and stress that are a thousand and a million times as large."""
     results = [

@@ -95,6 +95,7 @@ def test_a_solver_that_the_job_names_is_not_exchanged(tmp_path: Path) -> None:
     assert "Leave out 'solver: {linear: iterative}'" in done.stderr
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("material", ["compressible", "incompressible"])
 def test_a_preconditioner_is_as_good_for_a_later_tangent_as_for_the_first(material: str, comm: MPI.Intracomm) -> None:
@@ -174,6 +175,7 @@ def factor_type(comm: MPI.Intracomm, **data: Any) -> str:
     return kind
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_only_symmetric_tangents_are_factorized_as_such(comm: MPI.Intracomm) -> None:
     material = MATERIALS["compressible"]

@@ -71,6 +71,7 @@ def iterations(comm: MPI.Intracomm, **data: Any) -> int:
     return number
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_curved_cells_need_as_many_iterations_as_straight_ones(comm: MPI.Intracomm) -> None:
     straight, curved = (iterations(comm, **beam(geometry_degree=degree)) for degree in (1, 2))
@@ -78,6 +79,7 @@ def test_curved_cells_need_as_many_iterations_as_straight_ones(comm: MPI.Intraco
     assert curved < 1.2 * straight
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_bodies_that_only_their_pressure_keeps_from_swelling_converge(comm: MPI.Intracomm) -> None:
     """Without pressures, the tangent of an incompressible bar on three planes maps its dilatation to nothing."""
@@ -88,6 +90,7 @@ def test_bodies_that_only_their_pressure_keeps_from_swelling_converge(comm: MPI.
     assert iterations(comm, **bar, supports=planes) <= clamped
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_incompressible_cubes_need_less_than_twice_the_iterations_of_compressible_ones(comm: MPI.Intracomm) -> None:
     cube = {"mesh": box((5, 5, 5)), "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}

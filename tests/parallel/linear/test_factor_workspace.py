@@ -29,6 +29,7 @@ def shelf(comm: MPI.Intracomm, progress: SilentProgress | None = None, **solver:
     return hpcinv.run(given, comm, progress=progress)
 
 
+@pytest.mark.everyday("direct")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("linear", ["direct", "auto"])
 def test_a_workspace_that_is_too_small_is_enlarged(linear: str, comm: MPI.Intracomm) -> None:

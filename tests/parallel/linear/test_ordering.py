@@ -66,6 +66,7 @@ def test_nodes_have_all_unknowns_of_a_vertex(name: str, comm: MPI.Intracomm) -> 
     assert with_pressure == (0 if unknowns.p is None else vertices)
 
 
+@pytest.mark.everyday("mixed-cholesky", "mixed-lu", "hexahedra-lu")
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("kind", [PETSc.PC.Type.CHOLESKY, PETSc.PC.Type.LU])
 @pytest.mark.parametrize("name", ["mixed", "hexahedra", "cubic"])

@@ -45,7 +45,7 @@ def difference(comm: MPI.Intracomm, first: Result, other: Result) -> float:
     return float(comm.allreduce(largest, op=MPI.MAX)) / first.solutions[0].largest_displacement
 
 
-@pytest.mark.everyday("-incompressible-forward", "-compressible-inverse")
+@pytest.mark.everyday("compressible-inverse")
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize(("material", "analysis"), list(itertools.product(MATERIALS, ["inverse", "forward"])))
 @pytest.mark.usefixtures("rounded")
@@ -72,6 +72,7 @@ def test_rounded_and_kept_factors_give_the_answer_of_double_precision(
     assert counts[1] <= counts[0] + 2
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.usefixtures("rounded")
 def test_a_slender_body_that_turns_far_needs_no_double_precision(analysis: str, comm: MPI.Intracomm) -> None:
@@ -81,6 +82,7 @@ def test_a_slender_body_that_turns_far_needs_no_double_precision(analysis: str, 
     assert difference(comm, single, double) < 1e-10
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 @pytest.mark.usefixtures("rounded")
 def test_blocks_of_low_rank_do_as_well(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,6 +114,7 @@ def test_a_body_too_badly_conditioned_for_single_precision_is_solved_in_double(c
     assert difference(comm, single, double) < 4e-12
 
 
+@pytest.mark.release
 @pytest.mark.usefixtures("rounded")
 def test_a_job_may_have_double_precision_or_single_at_any_size(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
@@ -139,6 +142,7 @@ def test_the_tolerance_of_a_job_counts_with_factors_in_single_precision(analysis
     assert difference(comm, rough, exact) < 1e-8
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_systems_without_newton_are_solved_to_ten_digits(comm: MPI.Intracomm) -> None:
     body = Solved(job(**BEAM | {"analysis": "inverse"}), comm)

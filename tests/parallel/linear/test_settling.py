@@ -70,6 +70,7 @@ def test_the_solvers_own_limits_hold(comm: MPI.Intracomm) -> None:
     test.destroy()
 
 
+@pytest.mark.release
 def test_the_jobs_own_tolerance_wins(comm: MPI.Intracomm) -> None:
     def iterations(**petsc: Any) -> int:
         solver = {"linear": "iterative", "petsc": petsc}
@@ -88,7 +89,7 @@ def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, i
     return x, equilibrium.linear.take_iterations()
 
 
-@pytest.mark.everyday("slender-inverse", "chunky-forward")
+@pytest.mark.everyday("chunky-forward")
 @pytest.mark.parallel([2])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parametrize("body", ["chunky", "slender"])

@@ -107,6 +107,7 @@ def test_missing_slurm_is_reported(sweep: Path, tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.everyday("words1---ranks-per-case 0", "words3---time 1:00: is not above the 60 s that are kept")
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -126,6 +127,7 @@ def test_impossible_requests_are_refused(words: list[object], message: str, swee
     assert message in done.stderr
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("limit", ["3", "2:01", "0:02:01", "1-0", "0-00:02:01", "UNLIMITED"])
 def test_time_limits_above_the_lead_are_taken(limit: str, sweep: Path) -> None:
     done = submit(sweep, "--ntasks", 1, "--time", limit, "--dry-run")

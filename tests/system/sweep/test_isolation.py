@@ -125,6 +125,7 @@ def die_with(sweep: Path, number: int, times: int, *, supervised: bool) -> None:
             assert Ledger(plan.store, holder, supervised=supervised).claim(plan.cases[number].key) is not None
 
 
+@pytest.mark.everyday("False-False")
 @pytest.mark.parametrize(("supervised", "solved"), [(True, True), (False, False)])
 def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
     supervised: bool, solved: bool, tmp_path: Path
@@ -172,6 +173,7 @@ def test_a_signal_while_a_case_is_stuck_gives_it_back(tmp_path: Path) -> None:
     assert list(tmp_path.glob("store/ledger/*/*.released-1-1"))
 
 
+@pytest.mark.release
 def test_without_restarts_the_launchers_ranks_solve_the_cases(tmp_path: Path) -> None:
     sweep = crashing(tmp_path, ["abort"], good=2)
     ended = hpcinv(2, "sweep", "run", sweep, "--no-isolation", cwd=tmp_path)

@@ -105,6 +105,7 @@ def test_processes_that_contend_do_each_case_once(workers: Workers, manners: lis
     assert not any((workers.store / "holders").iterdir())
 
 
+@pytest.mark.release
 def test_processes_killed_at_any_moment_lose_and_repeat_nothing(workers: Workers) -> None:
     """Each of the first before a drawn file operation, or earlier at a drawn time; the lease is far too long to matter.
 

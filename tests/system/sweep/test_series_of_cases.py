@@ -84,6 +84,7 @@ def test_lines_of_several_axes_are_followed(run_directory: Path, comm: MPI.Intra
         assert sum("from a power series" in line for line in lines) >= 14
 
 
+@pytest.mark.release
 def test_each_solve_of_a_round_trip_begins_with_its_neighbours(run_directory: Path, comm: MPI.Intracomm) -> None:
     path = write_sweep(run_directory, [{"grid": {"material.mu": STIFFNESSES[:2]}}], job=ROUND_TRIP)
     table = solved(path, comm, [])

@@ -18,6 +18,7 @@ from hpcinv.studies.sweep.sweep_interface import Table
 AXES = [{"grid": {"material.mu": ["10 kPa", "20 kPa"]}}]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_a_sweep_gives_a_table_that_pandas_takes(run_directory: Path, comm: MPI.Intracomm) -> None:
     if comm.rank == 0:
@@ -33,6 +34,7 @@ def test_a_sweep_gives_a_table_that_pandas_takes(run_directory: Path, comm: MPI.
     assert table.units["material.mu"] == "Pa"
 
 
+@pytest.mark.release
 def test_a_mapping_is_a_sweep_and_cases_are_solved_once(tmp_path: Path, comm: MPI.Intracomm) -> None:
     write_sweep(tmp_path, AXES)
     lines: list[str] = []
@@ -52,6 +54,7 @@ def test_a_sweep_says_once_that_there_is_no_compiler(tmp_path: Path, comm: MPI.I
     assert ["no C compiler 'cc': NumPy evaluates" in line for line in lines] == [True, False, False]
 
 
+@pytest.mark.release
 def test_a_case_that_fails_is_reported_in_the_table(tmp_path: Path, comm: MPI.Intracomm) -> None:
     write_sweep(tmp_path, [{"grid": {"material.mu": ["10 kPa", "1 Pa"]}}])
     table = hpcinv.sweep(tmp_path / "sweep.yaml", comm)

@@ -49,6 +49,7 @@ def alone(sweep: Path, number: int) -> float:
 _ALONE: dict[str, float] = {}  # by the key of the case, which stands for all that its answer depends on
 
 
+@pytest.mark.release
 def test_a_rank_without_a_case_does_not_hold_up_the_others(tmp_path: Path) -> None:
     """In the processes of the launcher: PETSc's log, which waits for all ranks, was begun by the first solve."""
     sweep = write_sweep(tmp_path, [{"grid": {"material.mu": ["8 kPa"]}}])
@@ -77,6 +78,7 @@ def test_every_case_is_solved_once_whatever_the_ranks(ranks: int, per_case: int,
     assert records_of(sweep) == records
 
 
+@pytest.mark.release
 def test_sweeps_that_share_a_store_share_their_cases(tmp_path: Path) -> None:
     first = write_sweep(tmp_path, GRID)
     assert hpcinv_here("sweep", "run", first, "--no-isolation", cwd=tmp_path).returncode == 0
@@ -134,6 +136,7 @@ def slow(cases: int) -> list[dict[str, object]]:
     return [{"grid": {"material.mu": [10e3 + 100 * i for i in range(cases)]}}, {"grid": {"solver": [steps]}}]
 
 
+@pytest.mark.release
 def test_a_signal_saves_the_case_at_hand_and_the_next_run_goes_on_with_it(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, slow(2), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
     with Started(1, "sweep", "run", sweep, cwd=tmp_path) as started:
@@ -189,6 +192,7 @@ def test_case_is_solved_from_any_remains_of_a_killed_run(tmp_path: Path) -> None
         assert top(record) == pytest.approx(alone(sweep, number), rel=1e-10)
 
 
+@pytest.mark.release
 def test_a_killed_case_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, slow(1), job={**BLOCK, "checkpoint": {"every": 1, "seconds": 0}})
     with Started(2, "sweep", "run", sweep, "--ranks-per-case", 2, cwd=tmp_path) as started:
@@ -311,6 +315,7 @@ def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path
     assert top(records_of(sweep)[2]) == pytest.approx(top(before[2]), rel=1e-9)
 
 
+@pytest.mark.release
 def test_finished_sweeps_start_no_solver_process(tmp_path: Path) -> None:
     """Importing PETSc takes longer than reading thousands of records."""
     sweep = write_sweep(tmp_path, GRID)

@@ -100,6 +100,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.everyday("down")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("names", [("0.066 m", "0.133 m"), ("0.133 m", "0.066 m")], ids=["up", "down"])
 def test_a_region_moves_with_a_name_that_is_swept(
@@ -133,7 +134,7 @@ def differs(first: Result, other: Result) -> float:
     return solution.displacement.function_space.mesh.comm.allreduce(gap, op=MPI.MAX) / solution.largest_displacement
 
 
-@pytest.mark.everyday("name in a region", "term of a law", "fields", "round trip")
+@pytest.mark.everyday("name in a region", "term of a law")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("pair", PAIRS)
 def test_a_second_run_in_a_process_gives_the_same_results_as_alone(pair: str, comm: MPI.Intracomm) -> None:

@@ -34,6 +34,7 @@ def model(mesh: dict[str, Any], comm: MPI.Intracomm) -> Equations:
     return Equations(given, build_body(given.mesh, {}, comm, resolve=given.resolve), Timings())
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("divisions", "size"), [((6, 6, 6), (1, 1, 1)), ((3, 3, 30), (1, 1, 10)), ((12, 4, 4), (3, 1, 1))]
 )
@@ -51,6 +52,7 @@ def test_operations_and_entries_are_what_mumps_counts(
     equilibrium.destroy()
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_shape_of_a_block(comm: MPI.Intracomm) -> None:
     block_shape = shape_of(model(box((3, 3, 12), lz=4.0), comm).unknowns)

@@ -161,6 +161,7 @@ def test_scipy_estimates_the_same_indices() -> None:
     np.testing.assert_allclose([i.value for i in indices.total], expected.total_order, atol=0.01)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("kind", ["kinks", "noise"])
 def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
     """95 % of 100 random samples, of a quantity with kinks, Π (1 + cᵢ |xᵢ|), and of a linear one with noise.
@@ -188,6 +189,7 @@ def test_intervals_contain_the_indices_as_often_as_they_say(kind: str) -> None:
     assert np.all(coverage >= 0.89)
 
 
+@pytest.mark.release
 def test_intervals_that_a_long_tail_makes_too_narrow_are_reported() -> None:
     """Indices of exp(0.8 z₁ + 0.5 z₂), a product of lognormal factors."""
     rng = np.random.default_rng(11)

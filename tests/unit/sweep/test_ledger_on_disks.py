@@ -222,6 +222,7 @@ def test_any_other_error_of_a_link_is_raised_and_leaves_nothing(
 # What it costs
 
 
+@pytest.mark.release
 def test_status_of_10_000_cases_costs_a_scan_per_two_digits(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
     keys = [f"{number % 256:02x}{number:018x}" for number in range(10_000)]
     for key in keys[:128]:

@@ -153,6 +153,7 @@ class Schedule:
         self.at_work.pop(process, None)
 
 
+@pytest.mark.everyday("0.01")
 @pytest.mark.parametrize("deaths", [0.0, 0.01])
 def test_the_order_of_processes_does_not_matter(tmp_path: Path, deaths: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rounds = 0

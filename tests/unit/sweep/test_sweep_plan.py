@@ -75,6 +75,7 @@ def test_sobol_points_in_two_dimensions_are_a_net(m: int) -> None:
         assert boxes == set(itertools.product(range(2**k), range(2 ** (m - k))))
 
 
+@pytest.mark.release
 def test_sobol_points_fill_the_square_more_evenly_than_random_ones() -> None:
     """Warnock's closed form (1972) of the mean square of empty area in boxes at the origin; its expectation at random
     points is (2^-d - 3^-d) / n."""
@@ -107,6 +108,7 @@ def test_quantiles_of_the_distributions(given: Any, quantiles: dict[float, float
         assert distribution.quantile(share) == pytest.approx(value, rel=1e-11, abs=1e-11)
 
 
+@pytest.mark.release
 def test_samples_follow_their_distributions(tmp_path: Path) -> None:
     """Errors of means and spreads of a Latin hypercube are far smaller than with independent draws."""
     axis = {

@@ -59,6 +59,7 @@ def test_no_ratio_of_bulk_to_shear_modulus_locks(ratio: float, comm: MPI.Intraco
     assert error < 0.01
 
 
+@pytest.mark.release
 def test_the_beam_does_not_stiffen_on_the_way_to_incompressible(comm: MPI.Intracomm) -> None:
     tips = (
         solve("nearly-incompressible-beam", comm),
@@ -76,6 +77,7 @@ def test_the_beam_does_not_stiffen_on_the_way_to_incompressible(comm: MPI.Intrac
 # Loads
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("factor", [pytest.param(2.0, marks=pytest.mark.release), 8.0])
 def test_sagging_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Intracomm) -> None:
     result = solve("eightfold-gravity", comm, **weight(factor))
@@ -85,6 +87,7 @@ def test_sagging_under_up_to_eight_times_its_weight(factor: float, comm: MPI.Int
     assert error < 0.02  # 1.0 % with twice the weight on cells of this size, half of it on cells half as long
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "factor", [pytest.param(1.0, marks=pytest.mark.release), pytest.param(4.0, marks=pytest.mark.release), 8.0]
 )
@@ -231,6 +234,7 @@ def same_digits_and_iterations(results: list[Result], lengths: list[float], what
 # Slenderness
 
 
+@pytest.mark.everyday("200")
 @pytest.mark.parametrize("slenderness", [20, 200])
 def test_slender_beams_recovered(slenderness: int, comm: MPI.Intracomm) -> None:
     """``θ = K/6 (1 - (1 - s)³)`` before, so that the beam is straight under its weight."""
@@ -240,6 +244,7 @@ def test_slender_beams_recovered(slenderness: int, comm: MPI.Intracomm) -> None:
     compare_slender(solve("slender-beam", comm, **slender(slenderness)), np.array(theory), slenderness)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("slenderness", [20, 200])
 def test_slender_beams_sagging(slenderness: int, comm: MPI.Intracomm) -> None:
     result = solve("sagging-slender-beam", comm, **slender(slenderness))

@@ -93,7 +93,7 @@ def bent(source: MeshSource) -> MeshSource:
     return replace(curved, points=points)
 
 
-@pytest.mark.everyday("tetrahedron-2", "hexahedron-1")
+@pytest.mark.everyday("hexahedron-1")
 @pytest.mark.parallel([1, 3])
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])

@@ -53,6 +53,7 @@ def held(**faces: str) -> dict[str, Any]:
 # Rigid motions
 
 
+@pytest.mark.release
 @pytest.mark.parallel(3)
 def test_free_rigid_motions_are_named(comm: MPI.Intracomm) -> None:
     about_x = "supports: leave the body free to turn about the axis through (0, 0, 0) m along x"

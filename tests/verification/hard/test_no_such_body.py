@@ -108,6 +108,7 @@ def test_a_coil_that_passes_through_itself_is_reported(comm: MPI.Intracomm) -> N
     assert crossing.value > 10
 
 
+@pytest.mark.release
 def test_half_a_turn_does_not_overlap(comm: MPI.Intracomm) -> None:
     half = weight(2.0)
     result = solve("coil-through-itself", comm, effects=[half], certificate=NO_CERTIFICATE | {"overlap": True})
@@ -117,6 +118,7 @@ def test_half_a_turn_does_not_overlap(comm: MPI.Intracomm) -> None:
 # Instability
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("share", "unstable"), [(0.95, 0), (1.05, 2), pytest.param(6.9, 2, marks=pytest.mark.release), (7.5, 4)]
 )

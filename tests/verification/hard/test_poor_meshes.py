@@ -36,6 +36,7 @@ def aspect_ratio(result: Result) -> float:
 FACES = (0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)
 
 
+@pytest.mark.release
 def test_a_slice_of_a_tube_with_cells_ten_thousand_times_wider_than_high(comm: MPI.Intracomm) -> None:
     result = solve("flat-cells", comm)
     errors = [result.quantities[f"{name}-radius"] / radius - 1 for name, radius in RADII.items()]
@@ -55,6 +56,7 @@ def test_slivers_do_not_change_the_column(aspect: float, comm: MPI.Intracomm) ->
     assert effort(result) == [(3, 3)]  # as on a regular mesh
 
 
+@pytest.mark.release
 def test_a_mesh_refined_a_thousandfold_in_a_corner(comm: MPI.Intracomm) -> None:
     result = solve("refined-corner", comm)
     sizes = np.linalg.norm(np.diff(result.body.source.points[result.body.source.cells[:, :2]], axis=1)[:, 0], axis=1)
@@ -73,7 +75,7 @@ def layers(contrast: float, analysis: str) -> dict[str, Any]:
     }
 
 
-@pytest.mark.everyday("inverse")
+@pytest.mark.everyday("1e-06-inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parametrize("contrast", [1e6, 1e-6])
 def test_layers_a_million_times_stiffer_or_softer(contrast: float, analysis: str, comm: MPI.Intracomm) -> None:
