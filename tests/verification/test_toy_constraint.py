@@ -152,6 +152,18 @@ def test_sensitivities_agree_with_differences_of_runs(analysis: str, plugin: Pat
                 assert np.array(slopes[name][key]) == pytest.approx(difference, rel=1e-6, abs=1e-6 * scale)
 
 
+def test_the_spring_gives_way_at_parts_of_the_load(plugin: Path) -> None:
+    """The number that the solve finds is per load factor, and so is the derivative of the spring's equation."""
+    soft = HELD | {"compliance": "2e-5 m/Pa"}
+    steps = {"tolerance": 1e-13, "strategy": "fixed", "steps": 4}
+    posed = job(**given(plugin, analysis="forward", effects=[soft], solver=steps, certificate=NO_CERTIFICATE))
+    (there,) = hpcinv.run(posed).solutions
+    assert [solve.load for solve in there.solves] == [0.25, 0.5, 0.75, 1.0]
+    (found,) = there.constraints
+    assert mean_displacement(there) == pytest.approx(DISPLACEMENT - 2e-5 * found.value, rel=1e-12)
+
+
+@pytest.mark.release
 def test_a_path_goes_on_from_a_checkpoint(plugin: Path) -> None:
     posed = job(**given(plugin, analysis="forward"))
 
