@@ -41,6 +41,7 @@ def sheared(comm: MPI.Intracomm, directory: Path) -> tuple[Result, Boundary | No
     return result, boundary_of(result.body, result.solutions, families=result.job.fibres)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2, 3])
 def test_the_boundary_is_closed_and_has_the_solution(comm: MPI.Intracomm, run_directory: Path) -> None:
     _, boundary = sheared(comm, run_directory / "run")
@@ -101,6 +102,7 @@ def check_snapshots(directory: Path) -> None:
         assert np.allclose(snapshot.displacement, expected, atol=2e-5 * 0.2)
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_steps_are_kept_also_by_a_run_that_resumes(comm: MPI.Intracomm, run_directory: Path) -> None:
     run = run_directory / "run"

@@ -79,6 +79,7 @@ def check(directory: Path, source: MeshSource, field: Field, *, is_linear: bool,
     assert np.allclose(*middles, rtol=0, atol=2e-12)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_fields_read_back_from_files_agree_with_the_solution(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path

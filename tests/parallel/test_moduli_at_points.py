@@ -158,6 +158,7 @@ def damage(directory: Path) -> None:
         path.write_bytes(path.read_bytes()[:-60] + bytes(60))
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_moduli_are_derived_once(comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On rank 0, by region; and again, where their file is damaged or not there any more, or for other points."""

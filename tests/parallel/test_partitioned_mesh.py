@@ -154,6 +154,7 @@ def cube(meshes: Path, divisions: int = 3) -> MeshSource:
     return read_source(spec(meshes / "box.py", parameters=parameters), meshes / "box.py")
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 3])
 def test_a_job_has_the_answers_of_the_whole_mesh_and_its_shape_goes_back(
     comm: MPI.Intracomm, meshes: Path, run_directory: Path

@@ -42,6 +42,7 @@ CASES = ((False, 1, 2), (False, 2, 3), (True, 1, 2), (True, 2, 2), (False, 1, 1)
 """whether hexahedra, degree of the geometry and of the displacement"""
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_distance_of_files_from_the_body(comm: MPI.Intracomm, meshes: Path, run_directory: Path) -> None:
     for hexahedra, geometry, displacement in CASES:

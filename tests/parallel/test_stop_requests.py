@@ -99,6 +99,7 @@ def test_a_run_stops_before_it_solves(
     assert texts == [nothing, nothing, early]
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_a_run_that_cannot_be_resumed_finishes_its_certificate(comm: MPI.Intracomm) -> None:
     never = StopAt(comm, 10**9)

@@ -90,7 +90,7 @@ def test_the_iterations_find_the_correction(name: str, comm: MPI.Intracomm, monk
     compare(name, comm, monkeypatch)
 
 
-@pytest.mark.everyday("kept factors", "multigrid")
+@pytest.mark.everyday("multigrid")
 @pytest.mark.parallel([3, 2])
 @pytest.mark.parametrize(
     "name",

@@ -115,6 +115,7 @@ def test_ranks_that_do_not_find_each_other_are_named(tmp_path: Path) -> None:
         setup(Played({}, tmp_path, 2 * alone), [2])  # type: ignore[arg-type]
 
 
+@pytest.mark.release
 def test_benchmarks_run_from_the_command_line(tmp_path: Path) -> None:
     # Not under mpirun: it starts that itself.
     arguments = ["linear", "--sizes", "80", "--repeat", "1", "--out", "found.json"]

@@ -126,6 +126,7 @@ def test_a_sweep_solves_its_cases_again(tmp_path: Path, comm: MPI.Intracomm) -> 
     assert done == []  # nothing is solved a third time
 
 
+@pytest.mark.release
 def test_a_study_executes_its_runs_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

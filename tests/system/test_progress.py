@@ -269,6 +269,7 @@ def test_a_log_that_cannot_be_written_does_not_end_the_run(tmp_path: Path) -> No
     ]
 
 
+@pytest.mark.release
 def test_a_run_under_mpirun_prints_and_logs_its_phases(tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", BLOCK, output={"fields": False, "mesh": ["msh"]})
     done = hpcinv(2, "run", job, "--output", "run", "-v", cwd=tmp_path)

@@ -268,6 +268,7 @@ def test_the_theme_agrees_with_the_system(page: Page) -> None:
     assert themes == ["rgb(255, 255, 255)", "rgb(21, 23, 26)"]
 
 
+@pytest.mark.release
 def test_without_webgl_there_is_the_still_picture(tmp_path: Path) -> None:
     path = report(run_directory(tmp_path / "run", 4))
     with opened(path, tmp_path / "profile", "--disable-3d-apis") as page:

@@ -209,6 +209,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
 SLOW = {**CUBE, "solver": {"strategy": "fixed", "steps": 400}, "checkpoint": {"every": 1}}
 
 
+@pytest.mark.release
 def test_a_second_resume_or_run_in_the_same_directory_is_refused(tmp_path: Path) -> None:
     job = write_job(tmp_path / "slow.yaml", SLOW)
     with Started(1, "run", job, "--output", "run", cwd=tmp_path) as first:

@@ -48,6 +48,7 @@ def test_commands_without_a_solve(page: Path, directory: Path) -> None:
     type_all(page, directory, WITHOUT_SOLVE)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     "page",
     [pytest.param(page, marks=() if page.stem in SHORT else pytest.mark.release, id=page.stem) for page in TUTORIALS],

@@ -93,6 +93,14 @@ HOPELESS = {
 }
 
 
+@pytest.mark.everyday(
+    "limit point",
+    "limit point that load steps meet",
+    "sphere beyond its limit",
+    "flattened",
+    "column",
+    "few iterations",
+)
 @pytest.mark.parametrize("case", HOPELESS)
 def test_reasons_are_distinguished(case: str, comm: MPI.Intracomm) -> None:
     make, reason = HOPELESS[case]

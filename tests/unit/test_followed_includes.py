@@ -130,6 +130,7 @@ def test_a_child_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.Mo
     assert "that takes too long" in mesh_fault(tmp_path, path.name)
 
 
+@pytest.mark.release
 @pytest.mark.usefixtures("only_elsewhere")
 def test_commands_follow_no_includes_themselves(tmp_path: Path) -> None:
     path = deck(tmp_path)

@@ -202,6 +202,7 @@ def test_all_labels_are_listed_with_their_volumes(tmp_path: Path, capsys: pytest
         assert "such as: hpcinv mesh from-image" in text.lower()
 
 
+@pytest.mark.release
 def test_a_neighbour_behind_a_thin_wall_is_not_next_to_its_other_side(tmp_path: Path) -> None:
     radii = np.linalg.norm(grid(30), axis=-1)
     voxels = np.where(radii < 9.5, 7, np.where(radii < 12, 1, 0)).astype(np.uint8)

@@ -144,6 +144,7 @@ def everywhere(names: dict[str, str], *, let: bool) -> Job:
     )  # fmt: skip
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_names_mean_the_same_as_what_they_stand_for(comm: MPI.Intracomm) -> None:
     named = package.run(everywhere({name: name for name in WRITTEN_OUT}, let=True), comm)

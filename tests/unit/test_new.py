@@ -117,6 +117,7 @@ def test_jobs_of_images_and_surfaces_are_valid_and_hold_the_right_end(kind: str,
     assert package.load(of_surface).mesh.size == pytest.approx(5e-3)
 
 
+@pytest.mark.release
 def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
     file = tmp_path / "liver.yaml"
     given = ("--label", "liver=5", "--label", "tumour=7", "--size", "25 mm")

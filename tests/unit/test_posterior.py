@@ -38,6 +38,7 @@ def draw(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return values, values[0] * np.exp(values[1] * X) + SD * random.standard_normal(len(X))
 
 
+@pytest.mark.release
 def test_simulation_based_calibration() -> None:
     """Ranks of the true parameters among samples are uniform (Talts et al. 2018, arXiv:1804.06788)."""
     random = np.random.default_rng(7)

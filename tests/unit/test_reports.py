@@ -75,6 +75,7 @@ def test_a_thin_plate_keeps_both_sides() -> None:
     assert (corners[:, :, 2].max(axis=1) == corners[:, :, 2].min(axis=1)).mean() > 0.6
 
 
+@pytest.mark.release
 def test_a_large_body_makes_less_than_ten_megabytes() -> None:
     made = boundary(58, ("a", "b", "c"))
     assert len(made.points) > 20_000

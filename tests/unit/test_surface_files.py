@@ -83,6 +83,7 @@ def test_surfaces_of_several_shells(surface: Callable[[], pyvista.PolyData], vol
     assert volumes(inside(tmp_path / "body.stl"))["body"] == pytest.approx(volume * 1e-9, rel=0.02)
 
 
+@pytest.mark.release
 def test_thin_walls_between_surfaces_are_meshed_in_large_cells(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -92,7 +92,7 @@ def variants(case: Job, section: str) -> Iterator[Job]:
         yield case.with_({"material.parameters.b": "2 kPa"})  # the difference vanishes
 
 
-@pytest.mark.everyday("law neo-hookean", "effect prestrain")
+@pytest.mark.everyday("law neo-hookean")
 @pytest.mark.parametrize("name", INGREDIENTS)
 def test_jobs_of_a_reuse_group_have_the_same_forms(name: str, comm: MPI.Intracomm) -> None:
     section, example = INGREDIENTS[name]

@@ -176,6 +176,7 @@ def test_large_volumes_take_few_factorizations(stretch: float, most: int) -> Non
     assert result.solutions[0].factorizations <= most
 
 
+@pytest.mark.release
 def test_lands_ventricle_by_its_volume() -> None:
     """Land et al. (2015), problem 2, on a coarse mesh: the volume at 10 kPa gives this pressure and the same shape."""
     land = ROOT / "benchmarks" / "published" / "land" / "problem-2.yaml"
@@ -271,6 +272,7 @@ def volumes(equations: Equations) -> list[float]:
     return [EnclosedVolume(equations.body, [n], None).volume(equations.body.nodes + u) for n in ("large", "small")]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_connected_cavities(comm: MPI.Intracomm) -> None:
     both = {"both": {"surface": ["large", "small"], "volume": 3.3}}

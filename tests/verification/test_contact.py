@@ -330,6 +330,7 @@ def test_solution_before_an_error_has_its_summary(
     assert force_of_summary[2] < -100
 
 
+@pytest.mark.release
 def test_certificate_shows_what_the_penalty_leaves(comm: MPI.Intracomm) -> None:
     """The line is of first order, and a penalty twice as large is a second solution."""
     cheap = NO_CERTIFICATE | {"stability": True}
@@ -365,6 +366,7 @@ def test_a_formula_is_the_sphere_that_it_describes(smooth: dict[str, Any], comm:
     assert pressed == pytest.approx(force, rel=0.01)
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_triangles_of_a_sphere_press_as_the_sphere(
     smooth: dict[str, Any], comm: MPI.Intracomm, run_directory: Path

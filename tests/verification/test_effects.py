@@ -103,7 +103,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
-@pytest.mark.everyday("1-pressure", "prestrain", "growth")
+@pytest.mark.everyday("pressure")
 @pytest.mark.parallel([2, 1])
 @of_every_effect
 def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
@@ -156,6 +156,7 @@ print(json.dumps([list(EXAMPLES), footprints(), footprints("gravity")]))
 """
 
 
+@pytest.mark.release
 def test_effects_that_are_not_listed_do_not_change_the_weak_form() -> None:
     command = [sys.executable, "-c", ALONE, *map(str, Path(__file__).parents[:2])]
     *_, last = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()

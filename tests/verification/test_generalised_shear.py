@@ -50,6 +50,7 @@ def orders(errors: list[float]) -> list[float]:
     return [float(np.log2(coarse / fine)) for coarse, fine in itertools.pairwise(errors)]
 
 
+@pytest.mark.release
 @pytest.mark.parametrize("direction", [pytest.param("forward", marks=pytest.mark.release), "inverse"])
 def test_stress_converges_with_order_two_on_hexahedra(direction: str, comm: MPI.Intracomm) -> None:
     errors = [stress_errors(direction, n, True, comm)[0] for n in (1, 2, 4)]

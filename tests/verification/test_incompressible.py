@@ -16,6 +16,7 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_bent_block_keeps_its_volume_and_comes_back(comm: MPI.Intracomm) -> None:
     for number, (law, material) in enumerate(LAWS.items()):

@@ -59,8 +59,8 @@ def quarter_cylinder(poisson: float, loads: dict[str, Any], **end: Any) -> Any:
     )
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
-@pytest.mark.everyday("0.45")
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 def test_stresses_of_a_bent_thick_shell(poisson: float, comm: MPI.Intracomm) -> None:
     """Golovin's curved bar, whose stress is 3 or 20 % off at the inner face, and 7 or 26 % across it."""

@@ -206,6 +206,7 @@ def test_a_mesh_that_is_not_coarser_is_not_used(
         assert coarse_of(result).unknowns == 0
 
 
+@pytest.mark.release
 def test_a_mesh_with_inverted_cells_is_not_used(comm: MPI.Intracomm) -> None:
     """Cells of 6 mm cannot follow the curved side of the beam."""
     result = hpcinv.run(beam("3 mm", nested_iteration="on"), comm)
@@ -291,12 +292,14 @@ def test_the_sign_to_expect_follows_from_the_path(
     assert SIGN(solves, model(7), model(4)) == expected
 
 
+@pytest.mark.release
 def test_an_iterative_solver_knows_no_sign_on_either_mesh(comm: MPI.Intracomm, bar: Callable[..., Job]) -> None:
     result = hpcinv.run(bar(nested_iteration="on", linear="iterative"), comm)
     assert strategies(result) == [NESTED]
     assert note_on_limit_points(result).startswith("an iterative solver does not provide")
 
 
+@pytest.mark.release
 def test_nested_iteration_is_the_default_where_it_is_forecast_to_pay(
     comm: MPI.Intracomm, bar: Callable[..., Job], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,7 +88,7 @@ def test_step_is_cut_where_newton_fails_and_the_load_is_still_reached(comm: MPI.
     assert np.abs(sheared.shape - small_steps.shape).max() < 1e-10
 
 
-@pytest.mark.everyday("1.0", "8.0")
+@pytest.mark.everyday("1.0-8")
 @pytest.mark.parametrize(("load", "most"), [(1.0, 8), (2.0, 14), (4.0, 18), (8.0, 20)])
 def test_forward_beam_takes_few_factorizations(load: float, most: int, comm: MPI.Intracomm) -> None:
     assert beam(comm, load=load).solutions[0].factorizations <= most

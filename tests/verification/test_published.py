@@ -141,18 +141,7 @@ def test_rows_without_the_files_of_the_user_are_skipped_and_not_counted() -> Non
 
 
 @pytest.mark.everyday(
-    "bathe",
-    "biot",
-    "bisshopp",
-    "calculix",
-    "code-aster",
-    "fourc",
-    "frontistr",
-    "moose",
-    "oofem",
-    "pulse",
-    "sanm",
-    "sze",
+    "bathe", "biot", "bisshopp", "calculix", "code-aster", "fourc", "frontistr", "moose", "oofem", "pulse", "sanm"
 )
 @pytest.mark.parametrize("source", SOURCES)
 def test_small_rows_are_inside_both_error_bars(source: str, shared_by_workers: Path) -> None:

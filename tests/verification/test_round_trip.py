@@ -73,7 +73,7 @@ class Case:
         return replace(self.solution, displacement=u, u=self.model.unknowns.geometry_values(u))
 
 
-@pytest.mark.everyday("mixed-inverse", "displacement-forward")
+@pytest.mark.everyday("displacement-forward")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])

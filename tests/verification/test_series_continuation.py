@@ -226,6 +226,7 @@ def test_limit_load_of_a_shallow_arch(comm: MPI.Intracomm, tmp_path: Path) -> No
     assert counts[0] < counts[1] / 2
 
 
+@pytest.mark.release
 def test_steps_do_not_jump_past_a_limit_point(comm: MPI.Intracomm) -> None:
     """A shallow shell under 20 times the load: solutions of other paths are rejected (limit load 0.74 before)."""
     roof = Path(__file__).parents[2] / "benchmarks" / "published" / "sze" / "roof.yaml"

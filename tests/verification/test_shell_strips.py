@@ -195,6 +195,7 @@ def test_hinged_strip_sags_as_a_beam(tmp_path: Path) -> None:
             assert stress[here] == pytest.approx(-side * bending, rel=5e-3)
 
 
+@pytest.mark.release
 @pytest.mark.parametrize(
     ("share", "count", "verdicts"),
     [

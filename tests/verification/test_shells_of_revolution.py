@@ -176,6 +176,7 @@ def test_a_flat_pouch_is_filled(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.release
 def test_hemisphere_hangs_from_its_rim_as_a_membrane(tmp_path: Path) -> None:
     """Under its weight w per area: ``N_φ = w R/(1 + cos φ)``, ``N_θ = w R cos φ - N_φ``, and back.
 

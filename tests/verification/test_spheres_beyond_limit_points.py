@@ -153,6 +153,7 @@ def test_second_root_of_a_sphere_that_softens_where_it_is_elliptic(comm: MPI.Int
     assert out_of_round(result) < 0.02
 
 
+@pytest.mark.release
 def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None:
     """On coarse tetrahedra the path is lost just beyond the limit, at 1.0445 Pa."""
     result, said = None, ""
@@ -166,6 +167,7 @@ def test_wrinkles_are_not_taken_for_the_second_root(comm: MPI.Intracomm) -> None
         assert out_of_round(result) < 0.05
 
 
+@pytest.mark.release
 def test_an_unreachable_second_solution_is_reported_with_valid_advice(comm: MPI.Intracomm) -> None:
     """Beyond a radius of 0.5 the equations are not elliptic; a coarse mesh does not come to the second root there."""
     with pytest.raises(SolveError, match="beyond the first solution at full load, no other was reached") as caught:

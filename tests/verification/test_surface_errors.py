@@ -150,6 +150,7 @@ def test_samples_have_the_covariance_that_is_asked_for(comm: MPI.Intracomm) -> N
     assert not samples[:, inside].any()
 
 
+@pytest.mark.release
 def test_the_certificate_reports_surface_errors(comm: MPI.Intracomm) -> None:
     known = block(mesh={**box((2, 2, 2)), "surface_error": {"sd": "1 cm", "correlation": 100, "samples": 150}})
     result = hpcinv.run(known, comm)

@@ -204,6 +204,7 @@ def test_effects_with_switches_have_no_series(name: str, comm: MPI.Intracomm) ->
         TaylorResidual(model.weak_form("forward"))
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_taylor_arithmetic_is_derived_once(
     comm: MPI.Intracomm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -37,8 +37,8 @@ def pushed(pressure: float) -> dict[str, Any]:
     return {"effect": "pressure", "region": "inner", "pressure": pressure}
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
-@pytest.mark.everyday("states")
 @pytest.mark.parametrize("analysis", ["inverse", "forward", "states"])
 def test_slopes_are_differences_of_whole_runs(analysis: str, comm: MPI.Intracomm, run_directory: Path) -> None:
     path = run_directory / "sheet.msh"

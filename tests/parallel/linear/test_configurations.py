@@ -47,6 +47,7 @@ def test_both_linear_solver_presets_give_the_same_answer(material: str, analysis
     agree_on(material, analysis, comm)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 3, 2])
 def test_configurations_solve_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     agree_on("nearly incompressible", "inverse", comm)
@@ -71,6 +72,7 @@ def test_a_slender_body_that_turns_far_is_solved_iteratively(analysis: str, comm
     assert [s.load for s in iterative.solutions[0].solves] == [1.0]
 
 
+@pytest.mark.release
 @pytest.mark.parallel([1, 2])
 def test_a_chosen_solver_that_fails_is_replaced_and_the_summary_says_so(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch

@@ -89,6 +89,7 @@ def test_cases_that_crash_are_reported_and_all_others_are_solved(ranks: int, per
     assert not re.findall(r"(?<!first: )case \d", again.stdout)
 
 
+@pytest.mark.release
 def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
     (tmp_path / "crash.py").write_text(GENERATOR)
     mesh = {"file": "crash.py", "parameters": {"once": str(tmp_path / "crashed")}}

@@ -48,6 +48,7 @@ def check_alone(path: Path, comm: MPI.Intracomm, table: Table, name: str, number
         assert table[name][number] == pytest.approx(alone, rel=1e-9)
 
 
+@pytest.mark.release
 @pytest.mark.parallel([2, 1])
 def test_a_modulus_takes_few_factorizations(run_directory: Path, comm: MPI.Intracomm) -> None:
     """In any order of its values, over a range of one to five; a second start goes on with the cases left."""

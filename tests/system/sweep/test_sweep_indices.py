@@ -16,6 +16,7 @@ from hpcinv.mesh.io.vtu import read_vtu
 DENSITIES, MODULI = (0.1, 0.3), (20e3, 40e3)
 
 
+@pytest.mark.release
 def test_a_block_at_small_strain(tmp_path: Path) -> None:
     """Displacements are ρ/E times a field: E[ρ] = (a + b)/2, E[ρ²] = (a² + ab + b²)/3, E[1/E] = ln(b/a)/(b - a),
     E[1/E²] = 1/(ab), so that with the relative variances v of ρ and w of 1/E, V = (1 + v)(1 + w) - 1, S = v/V,

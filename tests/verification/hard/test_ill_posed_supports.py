@@ -232,6 +232,7 @@ INCOMPRESSIBLE = {"law": "neo-hookean", "mu": "1 MPa", "lam": "incompressible"}
 ROLLERS = [{"region": f"{axis}{end}", "fix": [axis]} for axis in "xyz" for end in (0, 1)]
 
 
+@pytest.mark.release
 @pytest.mark.parallel(2)
 def test_an_incompressible_body_needs_a_free_surface(comm: MPI.Intracomm) -> None:
     clamped = [{"region": "boundary", "fix": ["x", "y", "z"]}]

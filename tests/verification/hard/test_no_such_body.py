@@ -133,6 +133,7 @@ def test_a_column_higher_than_can_stand_is_reported(share: float, unstable: int,
     assert line.verdict is (Verdict.FAIL if unstable else Verdict.PASS)
 
 
+@pytest.mark.release
 def test_the_command_line_ends_with_6(tmp_path: Path) -> None:
     """The straight column is an answer, and is written; but its certificate fails."""
     ended = command("run", JOBS / "standing-beam.yaml", cwd=tmp_path)
