@@ -38,6 +38,7 @@ FUNCTIONS = {
     "contact of least energy": "hpcinv.trust.intervals.least_energy:solve_least_energy",
     "interfaces": "hpcinv.model.interfaces.pair:pairs_of",
     "kernel in NumPy": "hpcinv.physics.points.array_interpreter:ArrayKernel",
+    "limit of friction": "hpcinv.solver.friction_limit:friction_limit",
     "lowest eigenvalue": "hpcinv.trust.stability.lowest_eigenvalue:lowest_eigenvalue",
     "mesh of a CAD file": "hpcinv.geometry.cad.cad_mesh:cad_mesh",
     "mesh of a shell": "hpcinv.mesh.midsurface:ShellSource",

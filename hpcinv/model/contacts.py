@@ -278,15 +278,10 @@ class Contacts:
             if pair.depends_on_path:
                 pair.end_step(load)
 
-    def soften_friction(self) -> bool:
-        """Let friction that the solve finds give way more until `reset`; return whether it did not before."""
-        softened = [pair.soften_friction() for pair in self.pairs]  # of all of them
-        return any(softened)
-
-    def follow_failure(self, outcome: Outcome) -> None:
-        """Adapt penalties of interfaces after a solve that failed."""
-        for pair in self.pairs:
-            pair.follow_failure(outcome)
+    def follow_failure(self, outcome: Outcome) -> bool:
+        """Adapt penalties of interfaces after a solve that failed; return whether it is to be made again."""
+        followed = [pair.follow_failure(outcome) for pair in self.pairs]  # all of them
+        return any(followed)
 
     def update(self) -> bool:
         """Update the contacts that have not settled; return whether there are any.

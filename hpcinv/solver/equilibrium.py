@@ -108,7 +108,16 @@ class _Progress:
         return outcome
 
 
-_ASTRAY = (Outcome.DIVERGED, Outcome.ITERATION_LIMIT, Outcome.INVERTED, Outcome.OUTSIDE_LAW)
+@dataclass(frozen=True)
+class _Request:
+    """What a solve is asked for, as in `Equilibrium.solve`."""
+
+    load: float
+    tolerance: Tolerance
+    numbers: BorderedSolver
+    begins_near: bool
+    farthest: float
+    growths_allowed: int
 
 
 class Equilibrium:
@@ -140,6 +149,7 @@ class Equilibrium:
             self.mip = ExtrapolatedStress(system)
         self.numbers = BorderedSolver(system, linear)
         self._now = _Progress(self._monitor(1.0, self.numbers), self.numbers, 0.0)
+        self._is_softer = False  # whether the last solve failed, and friction gives way more from then on
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.system.comm)
@@ -181,34 +191,25 @@ class Equilibrium:
 
         The first solve with friction that diverges is made again with friction that gives way more, as later ones are.
         """
-        further: dict[str, Any] = {"begins_near": begins_near, "farthest": farthest, "numbers": numbers}
-        solve = self._solve(load, tolerance, predicted, growths_allowed=growths_allowed, **further)
-        if solve.outcome not in _ASTRAY or not self.system.soften_friction():
+        request = _Request(load, tolerance, numbers or self.numbers, begins_near, farthest, growths_allowed)
+        solve = self._solve(request, predicted)
+        if not self._is_softer:
             return solve
-        again = self._solve(load, tolerance, None, growths_allowed=growths_allowed, **further)
+        again = self._solve(request)
         return replace(again, factorizations=solve.factorizations + again.factorizations)
 
-    def _solve(
-        self,
-        load: float,
-        tolerance: Tolerance,
-        predicted: Prediction | None = None,
-        *,
-        begins_near: bool = False,
-        farthest: float = math.inf,
-        numbers: BorderedSolver | None = None,
-        growths_allowed: int = NewtonMonitor.growths_allowed,
-    ) -> Solve:
-        system, linear, numbers = self.system, self.linear, numbers or self.numbers
+    def _solve(self, request: _Request, predicted: Prediction | None = None) -> Solve:
+        system, linear, numbers, load = self.system, self.linear, request.numbers, request.load
+        self._is_softer = False
         numbers.put(load)
         system.begin_contact_step(load)
         if system.weak_form.passages.has_passed():  # an obstacle that moves
             return self._passed_through(load, predicted, numbers)
-        monitor = self._monitor(tolerance, numbers, begins_near=begins_near and self.reuse > 0)
-        monitor.growths_allowed = growths_allowed
+        monitor = self._monitor(request.tolerance, numbers, begins_near=request.begins_near and self.reuse > 0)
+        monitor.growths_allowed = request.growths_allowed
         kept_numbers = numbers.kept_numbers()
         self._now = now = _Progress(monitor, numbers, load, kept_numbers)
-        now.factorizations, now.farthest = linear.factorizations, farthest
+        now.factorizations, now.farthest = linear.factorizations, request.farthest
         if predicted is not None:
             now.factorizations -= predicted.factorizations
             now.signs = list(predicted.signs)
@@ -235,9 +236,7 @@ class Equilibrium:
                 system.set_state(accepted)
                 numbers.restore(kept_numbers)
                 accepted.destroy()
-                return self._solve(
-                    load, tolerance, begins_near=begins_near, numbers=numbers, growths_allowed=growths_allowed
-                )
+                return self._solve(replace(request, farthest=math.inf))
             linear.forget_factors()
             outcome = linear.failure
         system.set_state(x)
@@ -252,7 +251,7 @@ class Equilibrium:
             system.set_state(accepted)
             numbers.restore(kept_numbers)
             numbers.put(load)
-            system.follow_failure(outcome)
+            self._is_softer = system.follow_failure(outcome)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations

@@ -67,11 +67,8 @@ class SmallSystem:
     def end_contact_step(self, load: float) -> None:
         """Nothing is in contact."""
 
-    def soften_friction(self) -> bool:
+    def follow_failure(self, outcome: Outcome) -> bool:
         return False
-
-    def follow_failure(self, outcome: Outcome) -> None:
-        """As above."""
 
     def set_load(self, load: float) -> None:
         self.load = load

@@ -59,8 +59,16 @@ def test_a_block_on_a_ramp_above_the_angle_of_friction_finds_no_rest(comm: MPI.I
     tilt = np.deg2rad(25)
     gravity = WEIGHT | {"acceleration": [0.2 * np.sin(tilt), 0, -0.2 * np.cos(tilt)]}
     solver = GIVEN["solver"] | {"strategy": "fixed", "steps": 1}
-    with pytest.raises(SolveError, match="load factor 0"):
+    with pytest.raises(SolveError, match="load factor 0") as error:
         solved(comm, [gravity, floor(friction=FRICTION)], [], solver=solver)
+    along, pressing = 0.2 * np.sin(tilt), 0.2 * np.cos(tilt)
+    text = f"load along the plane, {1e3 * along:.3g} mN, exceeds 0.3 × {1e3 * pressing:.3g} mN"
+    assert f"Friction cannot hold the body: its {text}" in error.value.advice
+    assert f"raise the friction above {np.tan(tilt):.3g}" in error.value.advice
+    push = {"effect": "pressure", "region": "x0", "pressure": 0.1}  # it turns with the face
+    with pytest.raises(SolveError) as other:
+        solved(comm, [WEIGHT, push, floor(friction=FRICTION)], [], solver=solver)
+    assert "Whether friction can hold the body is not decided" in other.value.advice
 
 
 @pytest.mark.everyday("block")

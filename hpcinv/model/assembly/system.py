@@ -234,13 +234,9 @@ class System:
         """Keep the present state, a solution at a load factor; slip of contacts may begin there."""
         self.weak_form.contacts.end_step(load)
 
-    def soften_friction(self) -> bool:
-        """Let friction that the solve finds give way more from now on; return whether it did not before."""
-        return self.weak_form.contacts.soften_friction()
-
-    def follow_failure(self, outcome: Outcome) -> None:
-        """Let contacts adapt their penalties after a solve that failed."""
-        self.weak_form.contacts.follow_failure(outcome)
+    def follow_failure(self, outcome: Outcome) -> bool:
+        """Let contacts adapt their penalties after a solve that failed; return whether it is to be made again."""
+        return self.weak_form.contacts.follow_failure(outcome)
 
     def update_contacts(self) -> bool:
         """Update pressures of contacts, unless they have settled; return whether they had not."""

@@ -47,7 +47,7 @@ from hpcinv.model.interfaces.refused_surfaces import (
     check_overlap,
     refuse_surfaces,
 )
-from hpcinv.model.interfaces.softening import Softening
+from hpcinv.model.interfaces.softening import STIFF, Softening
 from hpcinv.model.interfaces.surface_passage import SurfacePassage
 from hpcinv.model.obstacle_passage import Passage
 from hpcinv.model.obstacle_surface import ObstacleSurface
@@ -448,10 +448,6 @@ class SurfacePair:
         for friction in self._frictions:
             friction.begin(load)
 
-    def soften_friction(self) -> bool:
-        """Let friction that the solve finds give way more until `reset`; return whether it did not before."""
-        return self.is_iterated and any(friction.soften() for friction in self._frictions)
-
     def end_step(self, load: float) -> None:
         """Keep the present solution; slip may begin there."""
         for friction in self._frictions:
@@ -492,10 +488,16 @@ class SurfacePair:
         rest_gap = self.spec.rest_gap if self._sign < 0 else None
         return 0.0 if rest_gap is None else rest_gap / self._body.length_scale
 
-    def follow_failure(self, outcome: Outcome) -> None:
-        """Adapt the penalty of contact after a solve that failed; tractions of the present state stay."""
+    def follow_failure(self, outcome: Outcome) -> bool:
+        """Adapt the penalties of contact after a solve that failed; tractions of the present state stay.
+
+        Returns:
+            Whether the solve is to be made again: friction gives way more from now on, and did not before.
+        """
         if not self._law.pulls and self._sign > 0 and self._softening.after_failure(outcome):
             self._soften()
+        gives_way = self.is_iterated and outcome in STIFF
+        return gives_way and any(friction.soften() for friction in self._frictions)
 
     def _soften(self) -> None:
         tractions, gaps = self._tractions()[0], self._signed_gaps()

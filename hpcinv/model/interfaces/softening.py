@@ -10,7 +10,7 @@ _FACTOR = 8.0
 """Change of the penalty after a solve that failed. Raised, fewer solves fail; surfaces overlap more in load steps."""
 _SOFTEST = 2.0**-15  # bodies are as soft that are 30 times as long as thick
 _SLOW = 0.1  # share of the change before, above which an update is slow
-_STIFF = (Outcome.DIVERGED, Outcome.INVERTED, Outcome.ITERATION_LIMIT, Outcome.OUTSIDE_LAW)
+STIFF = (Outcome.DIVERGED, Outcome.INVERTED, Outcome.ITERATION_LIMIT, Outcome.OUTSIDE_LAW)
 
 
 class Softening:
@@ -26,7 +26,7 @@ class Softening:
     def after_failure(self, outcome: Outcome) -> bool:
         """Follow a solve that failed; return whether the share has changed."""
         before = self.share
-        if outcome in _STIFF:
+        if outcome in STIFF:
             self.share = max(self.share / _FACTOR, _SOFTEST)
         elif outcome is Outcome.PASSED_THROUGH:
             self.share = min(self.share * _FACTOR, 1.0)

@@ -1,12 +1,15 @@
 """Solution methods: the direct method, and for inverse problems fixed-point methods with forward solves."""
 
+from collections.abc import Sequence
+
 from hpcinv.model.outcome import Outcome
 from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.solver.methods.direct_method import DirectMethod
 from hpcinv.solver.methods.method import Method, Start
-from hpcinv.solver.newton import is_given_up
+from hpcinv.solver.newton import Solve, is_given_up
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection, SolveEvent, is_stop_asked
 
 _FAILURES = 4
@@ -62,6 +65,7 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
         if ends:
             break
     equilibrium, load = method.equilibrium, method.reached_load
+    _explain_sliding(equations, equilibrium, solves, observer)
     loads = method.unknown_loads if isinstance(method, DirectMethod) and load else None
     constraints = () if loads is None else loads.reports(load)
     # If nothing was solved, PETSc has used no options.
@@ -73,6 +77,17 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
     )
     observer.ended(solved)
     return solved
+
+
+def _explain_sliding(
+    equations: Equations, equilibrium: Equilibrium, solves: Sequence[Solve], observer: Observer
+) -> None:
+    """Say whether friction can hold a body, if the last solve failed; collective."""
+    if not solves or solves[-1].outcome.accepted or not equilibrium.system.weak_form.contacts.depends_on_path:
+        return
+    limit = on_demand("limit of friction")
+    if lines := limit(equations.job, equilibrium.system, solves[-1].load, equations.scales):
+        observer.failing(lines)
 
 
 __all__ = ["DirectMethod", "Method", "method_for", "solve_direction"]
