@@ -23,8 +23,9 @@ from hpcinv.mesh.cell_count import no_report
 from hpcinv.output.result import Result
 from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.sweep.cases import Case
 from hpcinv.studies.sweep.neighbours import Neighbour, Neighbours, ParameterSpace
-from hpcinv.studies.sweep.sweep_plan import Case, load_sweep
+from hpcinv.studies.sweep.sweep_plan import load_sweep
 
 ROOT = Path(__file__).parents[1]
 COMM = MPI.COMM_WORLD

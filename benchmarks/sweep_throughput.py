@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -69,10 +70,8 @@ def main() -> None:
     plan = load_sweep(options.sweep)
     with tempfile.TemporaryDirectory() as temporary:
         directory = Path(temporary)
-        reuse_groups = {case.reuse_group: case for case in plan.cases}
-        shell_loop(
-            SweepPlan(plan.path, plan.sweep, plan.base, plan.data, tuple(reuse_groups.values())), 1, directory / "0"
-        )
+        reuse_groups = {group: place for place, group in enumerate(plan.cases.reuse_groups)}
+        shell_loop(replace(plan, cases=plan.cases.chosen([*reuse_groups.values()])), len(reuse_groups), directory / "0")
         loop = shell_loop(plan, options.by_hand, directory)
         single, two = sweep(plan, 1, directory), sweep(plan, 2, directory)
     print(f"{len(plan.cases)} cases of {plan.path.name}; seconds per case from command to prompt")

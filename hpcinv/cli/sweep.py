@@ -1,7 +1,6 @@
 """``hpcinv sweep``: plan, run, status, retry, table, statistics, indices, plot, submit."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from hpcinv.studies.batch.ledger.liveness import LEASE
 from hpcinv.studies.batch.status import lines
 from hpcinv.studies.sweep.results import results, series_line, status_of
 from hpcinv.studies.sweep.sweep_batch import open_damaged, sweep_batch
-from hpcinv.studies.sweep.sweep_plan import load_sweep
+from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep, read_sweep
 
 
 def add_sweep(commands: Any) -> None:
@@ -115,18 +114,22 @@ def _run(options: argparse.Namespace) -> int:
         from hpcinv.base.parallel.ranks import on_root
         from hpcinv.studies.batch.conduct import conduct
 
-        plan = on_root(world, lambda: load_sweep(options.sweep))
-        plan = replace(plan, cases=plan.cases[: options.first])
+        def check() -> SweepPlan:
+            file = read_sweep(options.sweep)
+            groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
+            count = min(file.case_count, options.first or file.case_count)
+            print(f"{file.sweep.sweep}: {count:,} cases, {groups}; store {file.store}", flush=True)
+            return file.plan(options.first)
+
+        plan = on_root(world, check)
 
         def begin() -> bool:
-            groups = f"{world.size} rank{'s' if world.size > 1 else ''}, {options.ranks_per_case} per case"
-            print(f"{plan.sweep.sweep}: {len(plan.cases)} cases, {groups}; store {plan.store}", flush=True)
             if damaged := open_damaged(plan):
                 print(
                     f"  {damaged:,} × record damaged, or a file of the mesh has changed: the case is solved again",
                     flush=True,
                 )
-            states = plan.ledger.states(case.key for case in plan.cases)
+            states = plan.ledger.states(plan.cases.keys)
             return any(state.name != "finished" for state in states.values())
 
         def end() -> tuple[int, int]:
@@ -182,7 +185,7 @@ def _teach(options: argparse.Namespace) -> int:
 def _retry(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = plan.ledger
-    records = ledger.records(dict.fromkeys(case.key for case in plan.cases))
+    records = ledger.records(dict.fromkeys(plan.cases.keys))
     opened = sum(ledger.retry(key) for key, record in records if not record.converged)
     print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")
     return 0

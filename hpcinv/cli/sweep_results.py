@@ -165,7 +165,7 @@ def _plot(options: argparse.Namespace) -> int:
 def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:
     """Return the records of the finished cases; report on standard error how many damaged ones are left out."""
     records = results(plan, ledger)
-    left = dict.fromkeys(case.key for case in plan.cases if case.key not in records)
+    left = dict.fromkeys(key for key in plan.cases.keys if key not in records)
     if damaged := len(ledger.damaged(left)):
         print(f"{plan.store}: left out {damaged:,} × {DAMAGED}", file=sys.stderr)
     return records

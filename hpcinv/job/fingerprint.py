@@ -2,16 +2,17 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hpcinv.base.quantity.schema import KeyPath, dotted_key
 from hpcinv.errors import CheckpointError
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import SectionData, resolved, without
+from hpcinv.job.resolved_job import ENTRIES, EntryTexts, SectionData, resolved, without
 
-_FORMAT = 2
+FORMAT = 2
 """of fingerprints: raised if they have more or less of a job, so that earlier ones are refused by one message"""
 
 NOT_CONTENT: dict[str, str] = {
@@ -43,7 +44,7 @@ NOT_PHYSICS: dict[str, str] = NOT_CONTENT | {
 
 def fingerprint(job: Job, known: SectionData | None = None) -> dict[str, Any]:
     """The physics of a job as JSON data, with automatic choices resolved and files by their SHA-256."""
-    return {"format": _FORMAT} | resolved(job, NOT_PHYSICS, known)
+    return {"format": FORMAT} | resolved(job, NOT_PHYSICS, known)
 
 
 def content_key(job: Job, known: SectionData | None = None, **circumstances: Any) -> str:
@@ -55,22 +56,35 @@ def content_key(job: Job, known: SectionData | None = None, **circumstances: Any
         known: data of sections of earlier jobs of the same file.
         circumstances: further data that distinguish runs, as JSON data, such as ``ranks``.
     """
-    return content_hash(resolved(job, NOT_CONTENT, known), **circumstances)
+    content = (known or SectionData()).joined(job, _CONTENT)
+    return hash_of_text(f"[{content}, {json.dumps(circumstances) if circumstances else '{}'}]")
 
 
-def content_hash(content: Mapping[str, Any], **circumstances: Any) -> str:
-    """Return the `content_key` of a job whose data without `NOT_CONTENT` are ``content``."""
-    return hash_of([content, circumstances])
+def entry_texts(left_out: Mapping[str, str]) -> Iterator[tuple[str, Callable[[SectionData, Job], str]]]:
+    """Yield the entries of a resolved job, and their JSON texts; empty if the job does not have one."""
+    for name in ENTRIES:
+        if name not in left_out:
+            yield name, partial(_entry_text, name, [key for key in left_out if key.startswith(f"{name}.")])
 
 
-def physics_in(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fingerprint of a job whose data without `NOT_CONTENT` are ``content``."""
-    return {"format": _FORMAT} | without(content, NOT_PHYSICS)
+def _entry_text(name: str, left_out: Sequence[str], known: SectionData, job: Job) -> str:
+    entry = known.entry(job, name)
+    if entry is not None and left_out:
+        entry = without(name, entry, left_out)
+    return "" if entry is None else json.dumps(entry)
+
+
+_CONTENT = EntryTexts(*entry_texts(NOT_CONTENT))
 
 
 def hash_of(content: Any) -> str:
     """Hash (20 hex digits) of JSON data; the order of names counts, as of the layers of a shell."""
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:20]
+    return hash_of_text(json.dumps(content))
+
+
+def hash_of_text(text: str) -> str:
+    """Hash (20 hex digits) of JSON text, as `json.dumps` writes it."""
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

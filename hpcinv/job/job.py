@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -46,17 +47,18 @@ from hpcinv.base.reading.mesh_format import Groups
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.base.updates import UPDATES
 from hpcinv.errors import JobError
-from hpcinv.job import region_references, rules
-from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state, unknown_cavities, unsuited_controls
-from hpcinv.job.combinations import refusal, refused_combinations
+from hpcinv.job import rules
+from hpcinv.job.cavities import CONTROLS, Cavity, cavities_of_state
+from hpcinv.job.combinations import refusal
+from hpcinv.job.contradictions import CONTRADICTIONS
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.identification import Identification, faults_of_identification
-from hpcinv.job.interfaces import Interface, faults_of_interfaces, interface_of
-from hpcinv.job.kind_rules import KIND_RULES
+from hpcinv.job.identification import Identification
+from hpcinv.job.interfaces import Interface, interface_of
 from hpcinv.job.layers import Layering, layerings_of
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
 from hpcinv.job.region_names import unknown_regions
+from hpcinv.job.region_references import REFERENCES, References
 from hpcinv.job.region_rules import RegionRule, RegionUnion, VertexSet
 from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, QuantityOfInterest, Support, directory_of
@@ -392,7 +394,7 @@ class Job(Spec):
     @property
     def differentiated(self) -> list[Parameter]:
         """Parameters by which the results are differentiated, in the order of ``sensitivities``."""
-        return uncertain_parameters(self.sensitivities, self._owners_in_states)
+        return uncertain_parameters(self.sensitivities, self._owners_in_states) if self.sensitivities else []
 
     @property
     def unsuited_to_nested_iteration(self) -> str:
@@ -504,80 +506,36 @@ class Job(Spec):
         return given  # `_completed` reads it
 
     def _completed(self, info: ValidationInfo) -> Self:
-        """The job with the quantities of all states, and with numbers whose dimension follows from another section."""
+        """The job with what follows from several sections."""
         if info.context is not None:
             info.context[SECTIONS] = self
+        return self.model_copy(update=self._following_sections())
+
+    def _following_sections(self) -> dict[str, Any]:
+        """Quantities of all states, numbers whose dimension follows from another section, cut meshes, pressures."""
         problems: list[tuple[KeyPath, str]] = []
         sections: dict[str, Any] = {}
-        with collected(problems, "quantities"):
-            sections["quantities"] = rules.quantities_of_states(
-                self.quantities, self.supports, self.effects, self.states
-            )
-        with collected(problems, "sensitivities"):
-            sections["sensitivities"] = read_sensitivities(self.sensitivities, self._owners_in_states)
-        with collected(problems, "accuracy"):
-            sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
+        if self.quantities:
+            with collected(problems, "quantities"):
+                sections["quantities"] = rules.quantities_of_states(
+                    self.quantities, self.supports, self.effects, self.states
+                )
+        if self.sensitivities != {}:
+            with collected(problems, "sensitivities"):
+                sections["sensitivities"] = read_sensitivities(self.sensitivities, self._owners_in_states)
+        if self.accuracy != {}:
+            with collected(problems, "accuracy"):
+                sections["accuracy"] = rules.read_demands(self.accuracy, sections.get("quantities", self.quantities))
         raise_if_any(problems)
-        sections = {key: value for key, value in sections.items() if key in self.model_fields_set}
         if self.interfaces:
             sections["mesh"] = self.mesh.cut(tuple(interface.between for interface in self.interfaces))
         if pressures := [effect for cavity in self.cavities.values() for effect in cavity.pressures]:
             sections["effects"] = (*self.effects, *pressures)
-        return self.model_copy(update=sections)
+        return sections
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        for key in ("analysis", "first"):
-            if self.states and key in self.model_fields_set:
-                yield (key,), "is not valid with 'states': one of them is the given state; remove it"
-        yield from rules.contradicting_directions(self.analysis, self.first, self.method, self.fixed_point, self.states)
-        yield from rules.contradicting_meshes(self.mesh, self.output, self.expected_shape)
-        kind_rules = KIND_RULES[self.mesh.kind.name]
-        yield from kind_rules.unsuited(self)
-        yield from unsuited_controls(self)
-        yield from refused_combinations(self)
-        yield from faults_of_interfaces(self.interfaces, self.effects, self.directions, self.uncertainty)
-        yield from self._unsuited_loading()
-        yield from rules.below(("discretisation",), rules.unsuited(self.discretisation, self.laws))
-        yield from rules.below(("quantities",), unknown_cavities(self.quantities, self.cavities, self.states))
-        if self.sensitivities:
-            yield from rules.below(("sensitivities",), kind_rules.unsuited_sensitivities(self))
-        if self.identify is not None:
-            faults = faults_of_identification(
-                self.identify, self._owners_in_states, self.quantities, self.states, self.cavities
-            )
-            yield from rules.below(("identify",), faults)
-        given_rest = any(state.given and state.is_rest for state in self.states)
-        is_reference = given_rest if self.states else self.directions[0] == "forward"
-        mesh, shape = ("reference", "undeformed") if is_reference else ("current", "deformed")
-        text = f"must be '{mesh}' for a rule, which is evaluated on the mesh of the job, the {shape} body"
-        ruled = ((name, family) for name, family in self.fibres.items() if family.rule is not None)
-        yield from ((("fibres", name, "given_on"), text) for name, family in ruled if family.given_on != mesh)
-
-    def _unsuited_loading(self) -> Faults:
-        """Faults of laws, effects and supports that other sections do not allow."""
-        for where, law in self.laws.items():
-            yield from rules.below(tuple(where.split(".", 1)), rules.unknown_families(law, self.fibres))
-        single = {name for name, rule in self.regions.items() if isinstance(rule, VertexSet)}
-        yield from rules.below(("effects",), rules.loaded_vertices(self.effects, single))
-        for i, state in enumerate(self.states):
-            yield from rules.below(("states", i, "effects"), rules.loaded_vertices(state.effects, single))
-        if not self.states:
-            needed, where = set(self.directions), f"with 'analysis: {self.analysis}'"
-            faults = rules.unsuited_effects(
-                self.effects, needed, self.directions[0], where, self.fibres, self.load_cases
-            )
-            yield from rules.below(("effects",), faults)
-            yield from rules.below(("supports",), rules.unsuited_supports(self.supports, self.effects, self.load_cases))
-            return
-        if self.effects[: self.own_effect_count]:
-            text = "belong to states in a job with 'states': move them to 'effects' of each state that has them"
-            yield ("effects",), text
-        yield from rules.below(("states",), rules.unsuited_states(self.states, self.fibres, self.load_cases))
-        yield from rules.below(("supports",), rules.unsuited_shared(self.supports, self.states, self.load_cases))
-        states = {f"states[{i}]": state for i, state in enumerate(self.states)}
-        effects = {k: v for where, s in states.items() for k, v in numbered(f"{where}.effects", s.effects).items()}
-        fibres = {f"fibres.{name}": family for name, family in self.fibres.items()}
-        yield from rules.below(("states",), rules.given_on_rest(self.states, {**effects, **fibres, **self.laws}))
+        for contradictions in CONTRADICTIONS:
+            yield from contradictions(self)
 
 
 def _unpickled(plugins: list[Path], data: bytes) -> Job:
@@ -633,27 +591,13 @@ def parse(
             raise
         raise JobError(f"{path}: plugins: a law or effect failed where it was checked: {fault}") from error
     keep_source(job, path, data, untrusted=untrusted)
+    _check_regions(job)
     return job
 
 
-def with_sections(job: Job, sections: Mapping[str, Any], info: ValidationInfo) -> Job | None:
-    """Return a job that `parse` left in `SECTIONS` with other sections, or ``None`` if it has faults.
-
-    Args:
-        sections: by name, each without faults by itself.
-    """
-    changed = job.model_copy(update=dict(sections))._completed(info)
-    return changed if next(changed._contradictions(info), None) is None else None
-
-
 def keep_source(job: Job, path: Path, data: Mapping[str, Any], *, untrusted: bool) -> None:
-    """Let a job remember from where it was read, and check the names of regions against its mesh file.
-
-    Raises:
-        JobError: neither the job nor its mesh has a region.
-    """
+    """Let a job remember from where it was read."""
     job._path, job._data, job._untrusted = path, data, untrusted
-    _check_regions(job)
 
 
 def _check_regions(job: Job, groups: Groups | None = None) -> None:
@@ -662,17 +606,24 @@ def _check_regions(job: Job, groups: Groups | None = None) -> None:
     Args:
         groups: of the mesh file; by default by its header.
     """
-    # names by the values of an array are known when the mesh is read
-    named = () if job.mesh.array_labels is not None else _region_references(job)
-    unknown = unknown_regions(
-        job.resolve(job.mesh.file),
-        {*job.regions, *job.mesh.faces, *job.mesh.layer_names},
-        named,
-        kind=job.mesh.kind,
-        groups=groups,
-    )
-    if lines := [f"{job.path}: {dotted_key(where)}: {what}" for where, what in unknown]:
+    references = chain.from_iterable(references(job) for references in REFERENCES)
+    if lines := [
+        f"{job.path}: {dotted_key(where)}: {what}" for where, what in unknown_references(job, references, groups)
+    ]:
         raise JobError(*lines)
+
+
+def unknown_references(job: Job, references: References, groups: Groups | None = None) -> Faults:
+    """Yield the references to regions that neither the job nor its mesh has, as far as that is known.
+
+    Args:
+        groups: of the mesh file; by default by its header.
+    """
+    # names by the values of an array are known when the mesh is read
+    named = () if job.mesh.array_labels is not None else tuple(references)
+    if named:
+        known = {*job.regions, *job.mesh.faces, *job.mesh.layer_names}
+        yield from unknown_regions(job.resolve(job.mesh.file), known, named, kind=job.mesh.kind, groups=groups)
 
 
 def check_files(job: Job) -> list[Path]:
@@ -696,19 +647,6 @@ def check_files(job: Job) -> list[Path]:
     if known is not None and not job.mesh.kind.reads_surface:  # whose file may have other names of its edges
         _check_regions(job, known)
     return unread
-
-
-def _region_references(job: Job) -> region_references.References:
-    """Yield the names of all regions to which a job refers, with their places."""
-    yield from region_references.union_members(job.regions)
-    yield from region_references.loading_regions(job.supports, job.effects)
-    for i, state in enumerate(job.states):
-        yield from rules.below(("states", i), region_references.loading_regions(state.supports or (), state.effects))
-    yield from region_references.law_regions(job.laws)
-    yield from region_references.fibre_regions(job.fibres)
-    yield from region_references.cavity_regions(job.cavities)
-    yield from region_references.interface_regions(job.interfaces)
-    yield from region_references.quantity_regions(job.quantities)
 
 
 def json_schema(kind: type[Spec] = Job) -> dict[str, Any]:

@@ -1,29 +1,36 @@
 """Jobs that differ from one job in some sections: what they have in common is read once."""
 
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationInfo
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from hpcinv.base.quantity.schema import Spec
-from hpcinv.job.job import SECTIONS, Job, keep_source, parse, with_sections
+from hpcinv.base.quantity.schema import Faults, Spec
+from hpcinv.job.contradictions import CONTRADICTIONS
+from hpcinv.job.fingerprint import content_key
+from hpcinv.job.job import SECTIONS, Job, keep_source, parse, unknown_references
 from hpcinv.job.preamble import Preamble
-
-
-class _Context(NamedTuple):
-    """What `with_sections` takes of a validation."""
-
-    context: dict[str, Any]
+from hpcinv.job.region_references import REFERENCES, References
+from hpcinv.job.resolved_job import SectionData
+from hpcinv.job.reuse_key import numbers_of, reuse_group_of
+from hpcinv.job.section_memo import SectionMemo
 
 
 class _Template(NamedTuple):
-    """A content that was read, its sections before what follows from several, and what they were read with."""
+    """A content that was read, its sections before what follows from several, and what they were read with.
+
+    Attributes:
+        following: memory of what follows from several sections.
+        faults: memory of the faults of jobs.
+    """
 
     content: Mapping[str, Any]
     sections: Job
     context: Mapping[str, Any]
+    following: SectionMemo
+    faults: SectionMemo
 
 
 class JobVariants:
@@ -37,6 +44,7 @@ class JobVariants:
     def __init__(self, path: Path, *, untrusted: bool) -> None:
         self.path, self.untrusted = path, untrusted
         self._templates: dict[frozenset[str], _Template] = {}
+        self._known = SectionData()
 
     def job(self, content: Mapping[str, Any]) -> Job:
         """Return the job of a content, the same as `hpcinv.job.job.parse`.
@@ -51,8 +59,16 @@ class JobVariants:
             return job
         context: dict[str, Any] = {}
         job = parse(content, self.path, untrusted=self.untrusted, context=context)
-        self._templates[frozenset(content)] = _Template(content, context.pop(SECTIONS), context)
+        sections = context.pop(SECTIONS)
+        keep_source(sections, self.path, content, untrusted=self.untrusted)
+        self._templates[frozenset(content)] = _Template(content, sections, context, SectionMemo(), SectionMemo())
         return job
+
+    def identity(self, job: Job) -> tuple[str, str, tuple[float, ...], Path]:
+        """Return the content key, the reuse group and the numbers of a job, and the directory of its mesh file."""
+        known = self._known
+        home = known.memo.of("home", lambda job: job.resolve(job.mesh.file).absolute().parent, job)
+        return content_key(job, known), reuse_group_of(job, known), numbers_of(job, known), home
 
     def _varied(self, template: _Template, content: Mapping[str, Any]) -> Job | None:
         """Return the job of a content, or ``None`` if all of it must be read: it has a fault, which `parse` names, or
@@ -61,15 +77,31 @@ class JobVariants:
         changed = [key for key, value in content.items() if value is not template.content[key]]
         if not all(map(_is_read_alone, changed)):
             return None
-        info = _Context({**template.context})
+        context = {**template.context}
         try:
-            read = {key: _reader(key).validate_python(content[key], context=info.context) for key in changed}
-            job = with_sections(template.sections, read, cast(ValidationInfo, info))
-            if job is not None:
-                keep_source(job, self.path, content, untrusted=self.untrusted)
+            read = {key: _reader(key).validate_python(content[key], context=context) for key in changed}
+            job = template.sections.model_copy(update=read)
+            if following := template.following.of("following", Job._following_sections, job):
+                job = job.model_copy(update=following)
+            job._data = content
+            has_faults = any(template.faults.each_of(_CHECKS, job))
         except Exception:  # of a plugin, too
             return None
-        return job
+        return None if has_faults else job
+
+
+def _has_any(faults: Callable[[Job], Faults], job: Job) -> bool:
+    return next(faults(job), None) is not None
+
+
+def _has_unknown(references: Callable[[Job], References], job: Job) -> bool:
+    return next(unknown_references(job, references(job)), None) is not None
+
+
+_CHECKS = (
+    *(partial(_has_any, contradictions) for contradictions in CONTRADICTIONS),
+    *(partial(_has_unknown, references) for references in REFERENCES),
+)
 
 
 @cache

@@ -10,7 +10,7 @@ from typing import Any
 
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.expressions import LET
-from hpcinv.base.quantity.spatial_fields import fields_in
+from hpcinv.base.quantity.spatial_fields import Field, fields_in
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.materials import MaterialLaw
@@ -39,11 +39,15 @@ def _regional_numbers(owner: Ingredient, own: set[Any]) -> Iterator[tuple[tuple[
     Args:
         own: regions with numbers of their own, which are marked with the region.
     """
+    for field in _fields(owner):
+        if field.is_regional:
+            numbers = [(number, region if region in own else "") for region, number in field.numbers.items()]
+            yield tuple(field.numbers), numbers
+
+
+def _fields(owner: Ingredient) -> Iterator[Field]:
     for value, _ in owner.quantities().values():
-        for field in fields_in(value):
-            if field.is_regional:
-                numbers = [(number, region if region in own else "") for region, number in field.numbers.items()]
-                yield tuple(field.numbers), numbers
+        yield from fields_in(value)
 
 
 def layerings_of(
@@ -57,12 +61,14 @@ def layerings_of(
         varied: numbers by which results are differentiated. Regions that have such numbers of their own are never the
             same, since they differ as soon as one of the numbers changes.
     """
+    owners: list[tuple[str, Ingredient]] = [*laws.items(), *((w, e) for w, e in effects.items() if not e.is_load)]
+    if len(laws) == 1 and not any(field.is_regional for _, owner in owners for field in _fields(owner)):
+        return ()
     free = {(number.where, *number.place) for number in tied_parameters(varied)}
     law_layers = _classes({where: _text(law, where, free) for where, law in laws.items()})
     values: dict[tuple[int | None, tuple[str, ...]], list[Sequence[Any]]] = {}
-    owners: list[tuple[int | None, str, Ingredient]] = [(law_layers[where], where, law) for where, law in laws.items()]
-    owners += [(None, where, effect) for where, effect in effects.items() if not effect.is_load]
-    for law, where, owner in owners:
+    for where, owner in owners:
+        law = law_layers.get(where)
         own = {part for place in free if place[0] == where for part in place[1:]}
         for regions, numbers in _regional_numbers(owner, own):
             values.setdefault((law, regions), []).append(numbers)

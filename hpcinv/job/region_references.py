@@ -1,6 +1,7 @@
 """References of the sections of a job to regions, each with its place in the section."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.schema import KeyPath
@@ -68,7 +69,26 @@ def quantity_regions(quantities: Sequence[QuantityOfInterest]) -> References:
 def _value_regions(owner: Ingredient, place: KeyPath) -> References:
     """Yield the regions in values by region, which are keys."""
     for key in type(owner).model_fields:
-        fields = (field for field in fields_in(getattr(owner, key)) if field.is_regional)
-        for name in dict.fromkeys(name for field in fields for name in field.numbers):
-            if name != ELSEWHERE:
-                yield (*place, key, name), name
+        if fields := fields_in(getattr(owner, key)):
+            for name in dict.fromkeys(name for field in fields if field.is_regional for name in field.numbers):
+                if name != ELSEWHERE:
+                    yield (*place, key, name), name
+
+
+def _state_regions(job: Any) -> References:
+    for i, state in enumerate(job.states):
+        for place, name in loading_regions(state.supports or (), state.effects):
+            yield ("states", i, *place), name
+
+
+REFERENCES: tuple[Callable[[Any], References], ...] = (
+    lambda job: union_members(job.regions),
+    lambda job: loading_regions(job.supports, job.effects),
+    _state_regions,
+    lambda job: law_regions(job.laws),
+    lambda job: fibre_regions(job.fibres),
+    lambda job: cavity_regions(job.cavities),
+    lambda job: interface_regions(job.interfaces),
+    lambda job: quantity_regions(job.quantities),
+)
+"""references of a job to regions, in the order in which faults are reported"""

@@ -3,14 +3,15 @@
 A key leaves out only what its table of sections names, each with the reason: a new section counts in all keys.
 """
 
+from __future__ import annotations
+
 import glob
 import hashlib
-import operator
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,7 +26,10 @@ from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
+from hpcinv.job.section_memo import SectionMemo
 
+ENTRIES = (*Job.model_fields, "directions", "inputs_of_plugins")
+"""names of what a resolved job may have, in their order"""
 WITH_DEFINITIONS = {LET: True}
 """Serialization context in which formulas include the definitions that they use."""
 
@@ -101,47 +105,79 @@ def _voxel_files(path: Path, header: bytes) -> list[Path]:
     return []
 
 
+class EntryTexts:
+    """JSON texts of the entries of a mapping.
+
+    Args:
+        texts: name of each entry, and its text for a job; empty if the job does not have the entry.
+    """
+
+    def __init__(self, *texts: tuple[str, Callable[[SectionData, Job], str]]) -> None:
+        self.texts = texts
+
+
 class SectionData:
-    """JSON data of sections, with files by their content, which jobs of one file share while a section is the same.
+    """JSON data of jobs of one file, with files by their content; sections that are the same in several are read once.
 
     Args:
         digest: SHA-256 of a file.
     """
 
     def __init__(self, digest: Callable[[Path], str] = file_digest) -> None:
-        self._digest, self._known = cache(digest), dict[str, tuple[Any, dict[str, Any]]]()
+        self._digest, self.memo = cache(digest), SectionMemo()
+        self._functions: dict[EntryTexts, Sequence[Callable[[Job], str]]] = {}
 
     def digest(self, path: Path) -> str:
         """Return the SHA-256 of a file, which is read once."""
         return self._digest(path)
 
-    def of(self, job: Job, section: str) -> dict[str, Any]:
-        """Return the data of a section by its name, or nothing if it is left out; not to be changed.
+    def entry(self, job: Job, name: str) -> Any:
+        """Return one of the `ENTRIES` of a job; ``None`` if the job does not have it. It must not be changed.
 
         Raises:
             MeshError: a file cannot be read.
         """
-        value, known = getattr(job, section), self._known.get(section)
-        if known is None or not _is_same(known[0], value):
+        return self.memo.of(name, partial(_entry, self, name), job)
 
-            def content_of(file: str) -> str:
-                path = job.resolve(file)
-                return f"{self.digest(path)} {suffix_of(path)}".rstrip()
-
-            data = job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS, include={section})
-            if _is_file(type(job), section):
-                data = {name: _contents(content, content_of) for name, content in data.items()}
-            elif data:
-                _replace_files(value, data[section], content_of)
-            known = self._known[section] = value, data
-        return known[1]
+    def joined(self, job: Job, texts: EntryTexts) -> str:
+        """Return a mapping as JSON text, of the texts of its values."""
+        if texts not in self._functions:
+            self._functions[texts] = [partial(_named, self, *text) for text in texts.texts]
+        return f"{{{', '.join(filter(None, self.memo.each_of(self._functions[texts], job)))}}}"
 
 
-def _is_same(one: Any, other: Any) -> bool:
-    """Return whether two sections are the same object, or consist of the same objects."""
-    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
-        return all(map(operator.is_, one, other))
-    return one is other
+def _named(known: SectionData, name: str, text: Callable[[SectionData, Job], str], job: Job) -> str:
+    return f'"{name}": {value}' if (value := text(known, job)) else ""
+
+
+def _entry(known: SectionData, name: str, job: Job) -> Any:
+    if name == "directions":
+        return list(job.directions)
+    if name == "inputs_of_plugins":
+        inputs = [inputs_of(job.resolve(plugin)) for plugin in job.plugins]
+        return inputs if any(inputs) else None
+    data = known.memo.of(("section", name), partial(_section, known, name), job)
+    if name == "mesh":
+        return data | {"unit": job.mesh.metres}  # of an image by default mm
+    if name == "expected_shape" and job.expected_shape is not None and data is not None:
+        return data | {"unit": job.expected_shape.metres}
+    return data | _spaces(known, job) if name == "discretisation" else data
+
+
+def _section(known: SectionData, name: str, job: Job) -> Any:
+    """Return the data of a section; ``None`` if it is left out."""
+
+    def content_of(file: str) -> str:
+        path = job.resolve(file)
+        return f"{known.digest(path)} {suffix_of(path)}".rstrip()
+
+    data = job.model_dump(mode="json", exclude_none=True, context=WITH_DEFINITIONS, include={name}).get(name)
+    if data is None:
+        return None
+    if _is_file(Job, name):
+        return _contents(data, content_of)
+    _replace_files(getattr(job, name), data, content_of)
+    return data
 
 
 def resolved(job: Job, left_out: Mapping[str, str], known: SectionData | None = None) -> dict[str, Any]:
@@ -155,28 +191,23 @@ def resolved(job: Job, left_out: Mapping[str, str], known: SectionData | None = 
         MeshError: a file cannot be read.
     """
     known = known or SectionData()
-    data = dict[str, Any]()
-    for section in type(job).model_fields:
-        if section not in left_out:
-            data |= known.of(job, section)
-    data["directions"] = list(job.directions)
-    data["mesh"] = data["mesh"] | {"unit": job.mesh.metres}  # of an image by default mm
-    if job.expected_shape is not None and "expected_shape" in data:
-        data["expected_shape"] = data["expected_shape"] | {"unit": job.expected_shape.metres}
-    data["discretisation"] = data["discretisation"] | _spaces(job)
-    if "plugins" in data and any(inputs := [inputs_of(job.resolve(plugin)) for plugin in job.plugins]):
-        data["inputs_of_plugins"] = inputs
-    return without(data, left_out)
+    entries = ((name, known.entry(job, name)) for name in ENTRIES if name not in left_out)
+    return {name: without(name, entry, left_out) for name, entry in entries if entry is not None}
 
 
-def _spaces(job: Job) -> dict[str, Any]:
+def _moves(job: Job) -> bool:
+    """Return whether later solves are on the body that the first one finds."""
+    return any(solve.mesh is not None for solve in job.plan)
+
+
+def _spaces(known: SectionData, job: Job) -> dict[str, Any]:
     spaces: dict[str, Any] = {
         "formulation": "mixed" if job.is_mixed else "displacement",
         "pressure": job.pressure_degree,
     }
     if job.is_mixed and (layerings := job.layerings):  # each layer has its own pressures
         spaces["layers"] = [layering.as_data() for layering in layerings]
-    if job.discretisation.displacement > 1 and any(solve.mesh is not None for solve in job.plan):
+    if job.discretisation.displacement > 1 and known.memo.of("moves", _moves, job):
         # Later solves are on the recovered body. Earlier versions moved the nodes of its given cells only.
         spaces["recovered_geometry"] = job.discretisation.displacement
     return spaces
@@ -190,8 +221,8 @@ def _replace_files(part: Any, data: Any, content_of: Callable[[str], str]) -> No
             for name in data.keys() & kind.model_fields.keys():
                 if _is_file(kind, name):
                     data[name] = _contents(data[name], content_of)
-                else:
-                    _replace_files(getattr(part, name), data[name], content_of)
+                elif not isinstance(value := getattr(part, name), float | str):
+                    _replace_files(value, data[name], content_of)
         case Mapping():
             for name, entry in part.items():
                 if name in data:
@@ -219,12 +250,8 @@ def _is_file(kind: type[Spec], name: str) -> bool:
     return metadata_in(NamesFile, field.annotation, *field.metadata) is not None
 
 
-def without(data: Mapping[str, Any], left_out: Mapping[str, str]) -> dict[str, Any]:
-    """Return data of a job without sections, and keys of sections such as ``mesh.partition``, that are left out."""
-    return {
-        section: {key: value for key, value in content.items() if f"{section}.{key}" not in left_out}
-        if isinstance(content, dict)
-        else content
-        for section, content in data.items()
-        if section not in left_out
-    }
+def without(name: str, entry: Any, left_out: Container[str]) -> Any:
+    """Return an entry of a job without keys that are left out, such as ``mesh.partition``."""
+    if not isinstance(entry, dict):
+        return entry
+    return {key: value for key, value in entry.items() if f"{name}.{key}" not in left_out}

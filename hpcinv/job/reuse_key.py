@@ -4,8 +4,10 @@ The numbers of laws, effects, fibres and supports are entries of one constant of
 that differ only in these use the same programs and the same matrix.
 """
 
+import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -14,9 +16,9 @@ from hpcinv.base.quantity.quantity import quantities_of
 from hpcinv.base.quantity.schema import Spec
 from hpcinv.base.quantity.spatial_fields import Field
 from hpcinv.job.cavities import CONTROLS, Cavity
-from hpcinv.job.fingerprint import NOT_CONTENT, content_hash, fingerprint, hash_of, physics_in
+from hpcinv.job.fingerprint import FORMAT, NOT_CONTENT, NOT_PHYSICS, entry_texts, hash_of, hash_of_text
 from hpcinv.job.job import Job
-from hpcinv.job.resolved_job import SectionData, resolved
+from hpcinv.job.resolved_job import EntryTexts, SectionData, resolved
 from hpcinv.job.sections import Support
 from hpcinv.job.states import StateSpec
 
@@ -42,46 +44,50 @@ def body_key(job: Job, known: SectionData | None = None) -> str:
     return hash_of(resolved(job, NOT_BODY, known))
 
 
-def keys_of(job: Job, known: SectionData) -> tuple[str, str]:
-    """Return `content_key` and `reuse_group_of` of a job, whose data are made once for both."""
-    content = resolved(job, NOT_CONTENT, known)
-    return content_hash(content), _group(job, _structure(job, physics_in(content)))
-
-
 def reuse_group_of(job: Job, known: SectionData | None = None) -> str:
     """Hash (20 hex digits) of a job without the numbers of its laws, effects, fibres and supports.
 
     Args:
         known: data of sections of earlier jobs of the same file.
     """
-    return _group(job, _structure(job, fingerprint(job, known)))
+    return hash_of_text((known or SectionData()).joined(job, _GROUP))
 
 
 def digests_of_structure(job: Job, known: SectionData | None = None) -> dict[str, str]:
     """Hash of each section of a job without its numbers and solver: what solutions of jobs must have in common."""
-    return {section: hash_of(content) for section, content in _structure(job, fingerprint(job, known)).items()}
+    known = known or SectionData()
+    texts = ((name, text(known, job)) for name, text in _STRUCTURE.texts)
+    return {name: hash_of_text(text) for name, text in texts if text}
 
 
-def _group(job: Job, structure: Mapping[str, Any]) -> str:
-    return hash_of({**structure, "solver": job.solver.model_dump(mode="json", include=_EQUATIONS)})
+def _skeleton_text(name: str, known: SectionData, job: Job) -> str:
+    entry = known.entry(job, name)
+    return "" if entry is None else json.dumps(_SKELETONS[name](job, entry))
 
 
-def _structure(job: Job, physics: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fingerprint ``physics`` of a job with placeholders for its numbers."""
-    content = dict(physics)
-    laws = {"": content["material"]} if "material" in job.laws else content["material"]
-    fibres, cavities = content["fibres"], content.get("cavities", {})
-    content |= _skeleton_of_loads(job, content) | {
-        "material": {name: _skeleton(law, laws[name]) for name, law in zip(laws, job.laws.values(), strict=True)},
-        "fibres": {name: _skeleton(family, fibres[name]) for name, family in job.fibres.items()},
-        "partition": job.mesh.partition,
-        "cavities": {name: _skeleton_of_cavity(cavity, cavities[name]) for name, cavity in job.cavities.items()},
-    }
-    if job.states:
-        states = zip(job.states, content["states"], strict=True)
-        content["states"] = [_skeleton_of_state(state, data) for state, data in states]
-        content["order"] = [[solve.mesh, solve.start] for solve in job.plan]
-    return content
+def _solver_text(_: SectionData, job: Job) -> str:
+    return json.dumps(job.solver.model_dump(mode="json", include=_EQUATIONS))
+
+
+def _partition_text(_: SectionData, job: Job) -> str:
+    return json.dumps(job.mesh.partition)
+
+
+def _no_cavities_text(known: SectionData, job: Job) -> str:
+    return json.dumps({}) if known.entry(job, "cavities") is None else ""
+
+
+def _order_text(_: SectionData, job: Job) -> str:
+    return json.dumps([[solve.mesh, solve.start] for solve in job.plan]) if job.states else ""
+
+
+def _skeletons_of_laws(job: Job, material: Any) -> dict[str, Any]:
+    laws = {"": material} if "material" in job.laws else material
+    return {name: _skeleton(law, laws[name]) for name, law in zip(laws, job.laws.values(), strict=True)}
+
+
+def _skeletons_of_states(job: Job, states: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [_skeleton_of_state(state, data) for state, data in zip(job.states, states, strict=True)]
 
 
 def structure_of(job: Job, known: SectionData | None = None) -> str:
@@ -94,20 +100,43 @@ def structure_of(job: Job, known: SectionData | None = None) -> str:
     return reuse_group_of(job.model_copy(update={"analysis": "inverse", "first": None}), known)
 
 
-def numbers_of(job: Job) -> tuple[float, ...]:
+def numbers_of(job: Job, known: SectionData | None = None) -> tuple[float, ...]:
     """The numbers (SI) that `reuse_group_of` omits, in the same order for all jobs of a reuse group.
 
     Quantities of laws whose names begin with an underscore follow from others.
+
+    Args:
+        known: data of sections of earlier jobs of the same file.
     """
-    jobs = [solve.job for solve in job.plan] if job.states else [job]
-    ingredients = (*job.laws.values(), *chain(*(each.effects for each in jobs)), *job.fibres.values())
-    supports = chain(*(each.supports for each in jobs))
-    cavities = chain(*(each.cavities.values() for each in jobs))
-    return (
-        *chain(*map(_numbers_of_ingredient, ingredients)),
-        *chain(*map(_numbers_of_support, supports)),
-        *chain(*map(_numbers_of_cavity, cavities)),
-    )
+    return (*chain(*(known or SectionData()).memo.each_of(_NUMBERS, job)),)
+
+
+def _jobs_of_solves(job: Job) -> list[Job]:
+    return [solve.job for solve in job.plan] if job.states else [job]
+
+
+def _numbers_of_laws(job: Job) -> list[float]:
+    return [*chain(*map(_numbers_of_ingredient, job.laws.values()))]
+
+
+def _numbers_of_effects(job: Job) -> list[float]:
+    return [*chain(*(_numbers_of_ingredient(effect) for each in _jobs_of_solves(job) for effect in each.effects))]
+
+
+def _numbers_of_fibres(job: Job) -> list[float]:
+    return [*chain(*map(_numbers_of_ingredient, job.fibres.values()))]
+
+
+def _numbers_of_supports(job: Job) -> list[float]:
+    return [*chain(*(_numbers_of_support(support) for each in _jobs_of_solves(job) for support in each.supports))]
+
+
+def _numbers_of_cavities(job: Job) -> list[float]:
+    cavities = chain(*(each.cavities.values() for each in _jobs_of_solves(job)))
+    return [*chain(*map(_numbers_of_cavity, cavities))]
+
+
+_NUMBERS = (_numbers_of_laws, _numbers_of_effects, _numbers_of_fibres, _numbers_of_supports, _numbers_of_cavities)
 
 
 def _numbers_of_ingredient(ingredient: Ingredient) -> Iterator[float]:
@@ -116,18 +145,23 @@ def _numbers_of_ingredient(ingredient: Ingredient) -> Iterator[float]:
             yield from _numbers(value)
 
 
-def _skeleton_of_loads(part: Job | StateSpec, data: Mapping[str, Any]) -> dict[str, Any]:
-    effects = zip(part.effects, data["effects"], strict=True)
-    supports = zip(part.supports or (), data.get("supports", ()), strict=True)
-    return {
-        "effects": [_skeleton(*effect) for effect in effects],
-        "supports": None if part.supports is None else [_skeleton_of_support(*support) for support in supports],
-    }
+def _skeletons_of_effects(part: Job | StateSpec, effects: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [_skeleton(*effect) for effect in zip(part.effects, effects, strict=True)]
+
+
+def _skeletons_of_supports(part: Job | StateSpec, supports: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
+    if part.supports is None:
+        return None
+    return [_skeleton_of_support(*support) for support in zip(part.supports, supports or (), strict=True)]
 
 
 def _skeleton_of_state(state: StateSpec, data: Mapping[str, Any]) -> dict[str, Any]:
     volumes = {"volumes": list(state.volumes), "unloaded_volumes": list(state.unloaded_volumes)}
-    return {**data, **volumes, **_skeleton_of_loads(state, data)}
+    loads = {
+        "effects": _skeletons_of_effects(state, data["effects"]),
+        "supports": _skeletons_of_supports(state, data.get("supports")),
+    }
+    return {**data, **volumes, **loads}
 
 
 def _skeleton_of_cavity(cavity: Cavity, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,3 +213,24 @@ def _numbers_of_support(support: Support) -> Iterator[float]:
     yield from (float(f.evaluate()) for f in support.displacement or () if f is not None and not f.names)
     if support.surface is None:
         yield from (support.constants[name] for name in sorted(support.constants))
+
+
+_SKELETONS: Mapping[str, Callable[[Job, Any], Any]] = {
+    "effects": _skeletons_of_effects,
+    "supports": _skeletons_of_supports,
+    "material": _skeletons_of_laws,
+    "fibres": lambda job, fibres: {name: _skeleton(family, fibres[name]) for name, family in job.fibres.items()},
+    "cavities": lambda job, given: {name: _skeleton_of_cavity(one, given[name]) for name, one in job.cavities.items()},
+    "states": _skeletons_of_states,
+}
+"""entries with numbers: their structure, by the job and the entry"""
+
+_STRUCTURE = EntryTexts(
+    ("format", lambda known, job: json.dumps(FORMAT)),
+    *((name, partial(_skeleton_text, name) if name in _SKELETONS else text) for name, text in entry_texts(NOT_PHYSICS)),
+    ("partition", _partition_text),
+    ("cavities", _no_cavities_text),
+    ("order", _order_text),
+)
+"""the fingerprint of a job with placeholders for its numbers"""
+_GROUP = EntryTexts(*_STRUCTURE.texts, ("solver", _solver_text))

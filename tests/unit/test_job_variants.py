@@ -10,13 +10,13 @@ import pytest
 
 from hpcinv.base.quantity.keys import assigned
 from hpcinv.errors import JobError
-from hpcinv.job.fingerprint import content_key
-from hpcinv.job.job import parse
+from hpcinv.job.fingerprint import NOT_CONTENT, content_key, hash_of
+from hpcinv.job.job import load, parse
 from hpcinv.job.job_variants import JobVariants
-from hpcinv.job.resolved_job import SectionData
-from hpcinv.job.reuse_key import keys_of, reuse_group_of
+from hpcinv.job.resolved_job import resolved
+from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.studies.sweep.sweep_plan import load_sweep
+from hpcinv.studies.sweep.sweep_plan import read_sweep
 
 JOBS = Path(__file__).parents[2] / "jobs"
 BEAM = JOBS / "sagging-block.yaml"
@@ -57,12 +57,35 @@ def contents(changes: list[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def test_jobs_and_keys_are_those_of_jobs_that_are_read_whole() -> None:
-    variants, known = JobVariants(BEAM, untrusted=False), SectionData()
+    variants = JobVariants(BEAM, untrusted=False)
     for content in contents(CHANGES):
         job, whole = variants.job(content), parse(content, BEAM)
         assert job == whole
         assert (job.path, job.data, job.model_fields_set) == (whole.path, whole.data, whole.model_fields_set)
-        assert keys_of(job, known) == (content_key(whole), reuse_group_of(whole))
+        key, group, numbers, home = variants.identity(job)
+        assert (key, group, numbers) == (content_key(whole), reuse_group_of(whole), numbers_of(whole))
+        assert home == (BEAM.parent / whole.mesh.file).absolute().parent
+
+
+def test_keys_are_hashes_of_the_data_of_a_job() -> None:
+    """Keys are made of texts of sections. Earlier versions hashed the whole data."""
+    for job in (parse(content, BEAM) for content in contents(CHANGES)):
+        assert content_key(job) == hash_of([resolved(job, NOT_CONTENT), {}])
+        assert content_key(job, ranks=2) == hash_of([resolved(job, NOT_CONTENT), {"ranks": 2}])
+
+
+def test_faults_between_sections_depend_on_all_that_they_read() -> None:
+    """A fault is found also after cases without it."""
+    data = assigned(read_yaml(BEAM), {"discretisation": {"formulation": "auto", "displacement": 1}})
+    variants = JobVariants(BEAM, untrusted=False)
+    soft, stiff = ({"material.lam": lam} for lam in ("50 kPa", "1 GPa"))
+    for change in (soft, {"material.mu": "30 kPa", **soft}, stiff, soft, stiff):
+        content = assigned(data, change)
+        if change is not stiff:
+            assert variants.job(content) == parse(content, BEAM)
+            continue
+        with pytest.raises(JobError, match="the material is nearly incompressible"):
+            variants.job(content)
 
 
 def test_sections_that_do_not_differ_are_read_once() -> None:
@@ -85,13 +108,17 @@ def test_faults_are_those_of_jobs_that_are_read_whole(fault: Mapping[str, Any]) 
     assert error.value.problems == whole.value.problems
 
 
-@pytest.mark.release
-@pytest.mark.parametrize("name", ["sweep-beam-laws", "sweep-uncertain-block"])
-def test_planned_cases_have_the_keys_of_single_jobs(name: str) -> None:
-    plan = load_sweep(JOBS / f"{name}.yaml")
+SWEEPS = [path for path in sorted(JOBS.glob("*.yaml")) if "axes" in read_yaml(path)]
+
+
+@pytest.mark.parametrize("path", SWEEPS, ids=lambda path: path.stem)
+def test_planned_cases_have_the_keys_of_single_jobs(path: Path) -> None:
+    plan = read_sweep(path).plan(40)
     for case in plan.cases[:: max(1, len(plan.cases) // 5)]:
-        assert case.key == content_key(plan.job(case))
-        assert case.reuse_group == reuse_group_of(plan.job(case))
+        job = load(plan.content(case), directory=JOBS)
+        assert case.key == content_key(job)
+        assert case.reuse_group == reuse_group_of(job)
+        assert case.numbers == numbers_of(job)
 
 
 PLUGIN = '''

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
+from weakref import WeakValueDictionary
 
 from pydantic import (
     AfterValidator,
@@ -128,6 +129,10 @@ class Spec(BaseModel):
         validate_default=True,
         defer_build=True,
     )
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        _members.cache_clear()
 
     @classmethod
     def known_keys(cls) -> tuple[str, ...]:
@@ -265,7 +270,7 @@ class OneOf:
             return data
         if not isinstance(data, Mapping):
             raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
-        members, name = members_of(family, self.tag), data.get(self.tag)
+        members, name = _members(family, self.tag), data.get(self.tag)
         if not isinstance(name, str) or name not in members:
             fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
             raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
@@ -293,6 +298,11 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
     Raises:
         ValueError: two subclasses have the same value.
     """
+    return dict(_members(family, tag))
+
+
+@cache  # until a subclass is defined; a class of which nothing else is left disappears
+def _members(family: type[Spec], tag: str) -> WeakValueDictionary[str, type[Any]]:
     members: dict[str, type[Spec]] = {}
     pending = family.__subclasses__()
     while pending:
@@ -303,7 +313,7 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
                 both = " and ".join(f"{k.__qualname__} ({_file_of(k)})" for k in (members[name], kind))
                 raise ValueError(f"{both} have the same {tag} '{name}'; rename one of them")
             members[name] = kind
-    return dict(sorted(members.items()))
+    return WeakValueDictionary(sorted(members.items()))
 
 
 def _file_of(kind: type[Any]) -> str:

@@ -208,6 +208,8 @@ def is_uniform(value: object) -> bool:
 
 def fields_in(value: object) -> list[Field]:
     """Return the fields in a quantity, a vector or a tensor."""
+    if isinstance(value, float):
+        return []
     return [entry for entry in entries(value) if isinstance(entry, Field)]
 
 

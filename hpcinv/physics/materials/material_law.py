@@ -327,8 +327,8 @@ class MaterialLaw(Ingredient):
         return law
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        sheet = getattr(self, "sheet", None)
-        if sheet is not None and sheet == getattr(self, "fibre", None):
+        sheet = self.__dict__.get("sheet")
+        if sheet is not None and sheet == self.__dict__.get("fibre"):
             yield ("sheet",), "must be another family than fibre"
         if info.context and _UNFINISHED in info.context:
             return

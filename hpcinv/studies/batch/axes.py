@@ -1,12 +1,11 @@
-"""Axes of a sweep or study: values that are combined, taken in parallel, sampled, or branches; and their points."""
+"""Axes of a sweep or study: values that are combined, taken in parallel, sampled, or branches."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
@@ -14,7 +13,7 @@ from hpcinv.base.files.untrusted import FileBeside, applies
 from hpcinv.base.quantity.keys import JobKey, parse_key
 from hpcinv.base.quantity.schema import Faults, ListOf, Name, Problems, Spec
 from hpcinv.base.reading.door import path_fault
-from hpcinv.studies.batch.sampling import Distribution, SamplingMethod, read_distribution, unit_points
+from hpcinv.studies.batch.sampling import Distribution, SamplingMethod, read_distribution
 
 LISTS = ("grid", "zip")
 SAMPLES: tuple[SamplingMethod, ...] = ("random", "latin_hypercube", "sobol")
@@ -112,6 +111,11 @@ class Axis(Spec):
         return sample
 
     @property
+    def sampling(self) -> SamplingMethod:
+        """Method of a sample."""
+        return next(method for method in SAMPLES if self.kind == method)
+
+    @property
     def keys(self) -> frozenset[str]:
         """All keys that have a value on the axis, and the names of branches."""
         if self.branches is not None:
@@ -177,52 +181,6 @@ def number_of(axes: Iterable[Axis]) -> int:
 Branch.model_rebuild()
 
 
-class AxisPoint(NamedTuple):
-    """A point of one axis, or of several that are combined.
-
-    Attributes:
-        parameters: what identifies the point: values by key, and labels of branches by the name of their axis.
-        settings: values by key in the job.
-    """
-
-    parameters: Mapping[str, Any]
-    settings: Mapping[str, Any]
-
-
-def combined(axes: Sequence[Axis]) -> Iterator[AxisPoint]:
-    """Yield every combination of the points of axes, the last axis changing fastest; without axes one point."""
-    for points in itertools.product(*(list(_points(axis)) for axis in axes)):
-        yield AxisPoint(
-            {key: value for point in points for key, value in point.parameters.items()},
-            {key: value for point in points for key, value in point.settings.items()},
-        )
-
-
 def sections_first(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings in the order in which they must be set: whole sections before values in them."""
     return dict(sorted(settings.items(), key=lambda setting: len(parse_key(setting[0]))))
-
-
-def _points(axis: Axis) -> Iterator[AxisPoint]:
-    if axis.branches is not None:
-        for label, branch in axis.branches.items():
-            for parameters, settings in combined(branch.axes):
-                yield AxisPoint({axis.name: label, **parameters}, {**branch.set, **settings})
-    else:
-        for values in _values(axis):
-            yield AxisPoint(values, values)
-
-
-def _values(axis: Axis) -> Iterator[dict[str, Any]]:
-    """Yield the values by key of each point of an axis that has no branches."""
-    if axis.grid is not None:
-        for combination in itertools.product(*axis.grid.values()):
-            yield dict(zip(axis.grid, combination, strict=True))
-    elif axis.zip is not None:
-        for row in zip(*axis.zip.values(), strict=True):
-            yield dict(zip(axis.zip, row, strict=True))
-    else:
-        method = next(method for method in SAMPLES if axis.kind == method)
-        for shares in unit_points(method, len(axis.sample), axis.count or 0, axis.seed):
-            drawn = zip(axis.sample.items(), shares, strict=True)
-            yield {key: distribution.quantile(share) for (key, distribution), share in drawn}

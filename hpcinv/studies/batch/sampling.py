@@ -3,9 +3,10 @@
 import math
 import random
 import statistics
+from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 from hpcinv.base.quantity.constants import constant
 from hpcinv.base.quantity.schema import shown
@@ -119,13 +120,40 @@ def unit_points(method: SamplingMethod, dimensions: int, count: int, seed: int) 
     """
     if method == "random":
         source = random.Random(seed)  # random() gives the same numbers in every version of Python
-        return [[source.random() for _ in range(dimensions)] for _ in range(count)]
+        return UnitPoints(array("d", (source.random() for _ in range(count * dimensions))), dimensions)
 
     from scipy.stats import qmc
 
-    points: list[list[float]]
     if method == "latin_hypercube":
-        points = qmc.LatinHypercube(dimensions, rng=seed).random(count).tolist()
+        points = qmc.LatinHypercube(dimensions, rng=seed).random(count)
     else:  # samples of 2^n points are balanced
-        points = qmc.Sobol(dimensions, rng=seed).random_base2((count - 1).bit_length())[:count].tolist()
-    return points
+        points = qmc.Sobol(dimensions, rng=seed).random_base2((count - 1).bit_length())[:count]
+    return UnitPoints(array("d", points.tobytes()), dimensions)
+
+
+class UnitPoints(Sequence[Sequence[float]]):
+    """Points with so many coordinates each, in an array without objects for each of them."""
+
+    def __init__(self, coordinates: array[float], dimensions: int) -> None:
+        self._coordinates, self._dimensions = coordinates, dimensions
+
+    def __len__(self) -> int:
+        return len(self._coordinates) // self._dimensions
+
+    @overload
+    def __getitem__(self, place: int) -> Sequence[float]: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[Sequence[float]]: ...
+
+    def __getitem__(self, place: int | slice) -> Sequence[float] | Sequence[Sequence[float]]:
+        if isinstance(place, slice):
+            return [self[i] for i in range(*place.indices(len(self)))]
+        if not 0 <= place < len(self):
+            raise IndexError(place)
+        return self._coordinates[place * self._dimensions : (place + 1) * self._dimensions]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, UnitPoints) and [*self] == [*other]
+
+    __hash__ = None  # type: ignore[assignment]

@@ -65,11 +65,15 @@ class SpecificationFaults:
         try:
             yield
         except JobError as error:
-            for problem in error.problems:
-                text = problem.removeprefix(f"{base}: ")
-                like = _VALUE.sub("", text)  # sampled values differ from case to case
-                first, fault, others = self._found.get(like, (title, text, -1))
-                self._found[like] = first, fault, others + 1
+            self.add(error, title, base)
+
+    def add(self, error: JobError, title: str, base: Path) -> None:
+        """Add the faults of the job file ``base`` that a case has."""
+        for problem in error.problems:
+            text = problem.removeprefix(f"{base}: ")
+            like = _VALUE.sub("", text)  # sampled values differ from case to case
+            first, fault, others = self._found.get(like, (title, text, -1))
+            self._found[like] = first, fault, others + 1
 
     def raise_if_any(self) -> None:
         """Raise a ``JobError`` with a line for each fault."""

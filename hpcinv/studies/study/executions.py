@@ -30,6 +30,8 @@ class Executions:
     def __init__(self, plan: StudyPlan, ledger: Ledger, ranks: int) -> None:
         self.plan, self.ledger, self.ranks = plan, ledger, ranks
         self._records: dict[str, CaseRecord] = {}
+        self._homes: dict[str, Path] = {}
+        ledger.home_of = self._homes.get
         self._jobs: dict[int, tuple[Job, str] | CaseRecord] = {}
         self._run_numbers = {(r.place.series, r.place.step, r.place.case): i for i, r in enumerate(plan.runs)}
         self.read()
@@ -135,7 +137,7 @@ class Executions:
         for run in range(len(self.plan.runs)):
             if self.is_ready(run) and not isinstance(prepared := self._prepared(run), CaseRecord):
                 home = prepared[0].resolve(prepared[0].mesh.file).absolute().parent
-                self.ledger.homes |= {self.execution_key(run, n): home for n in range(self.repetitions(run) + 1)}
+                self._homes |= {self.execution_key(run, n): home for n in range(self.repetitions(run) + 1)}
 
     def _keys(self) -> dict[str, None]:
         ready = (i for i in range(len(self.plan.runs)) if self.is_ready(i) and self.key(i))

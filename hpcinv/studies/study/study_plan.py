@@ -8,7 +8,8 @@ from typing import Any
 from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, parse
-from hpcinv.studies.batch.axes import combined, sections_first
+from hpcinv.studies.batch.axes import sections_first
+from hpcinv.studies.batch.points import CombinedPoints
 from hpcinv.studies.batch.specification import (
     SpecificationFaults,
     changed_data,
@@ -91,7 +92,7 @@ def _runs(
     study: Study, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
 ) -> Iterator[Run]:
     """Yield every valid run; faults of the others are added to ``faults``."""
-    for case, (parameters, case_settings) in enumerate(combined(study.cases)):
+    for case, (parameters, case_settings) in enumerate(CombinedPoints(study.cases)):
         for series in study.series:
             for step in range(series.steps):
                 varied = {key: values[step] for key, values in series.vary.items()}

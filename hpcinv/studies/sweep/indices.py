@@ -15,8 +15,9 @@ from hpcinv.studies.batch.axes import SAMPLES, Axis
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.sampling import Distribution
 from hpcinv.studies.batch.time_forecast import duration_text
+from hpcinv.studies.sweep.cases import Case
 from hpcinv.studies.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
-from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan
+from hpcinv.studies.sweep.sweep_plan import SweepPlan
 from hpcinv.studies.sweep.table import columns, quantity_columns, units
 
 _CONSTANT = 1e-12  # standard deviation, relative to the largest value, that is rounding

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import islice
 
 from hpcinv.base.parallel.runtime import MPI
@@ -24,7 +24,7 @@ MOST_MEASURED = 32
 
 def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
     """Return lines on the cases of a sweep, their sizes, and the time that the open ones take; not collective."""
-    reuse_groups = {case.key: case.reuse_group for case in plan.cases}
+    reuse_groups = dict(zip(plan.cases.keys, plan.cases.reuse_groups, strict=True))
     records = results(plan, ledger)
     failed = sum(not record.converged for record in records.values())
     also = f", {failed} of them failed" if failed else ""
@@ -37,7 +37,7 @@ def outlook(plan: SweepPlan, ledger: Ledger, groups: int) -> list[str]:
 
 def _sizes(plan: SweepPlan, counts: Mapping[str, int]) -> tuple[list[str], dict[str, int]]:
     """Return a line on the mesh of each reuse group (``counts``: their numbers of cases), and the unknowns by group."""
-    first = {case.reuse_group: case for case in reversed(plan.cases)}
+    first = {group: plan.cases[place] for group, place in _first_places(plan.cases.reuse_groups).items()}
     lines = [
         f"  {_count(len(counts), 'reuse group')}, each with a mesh, kernels and a symbolic factorization of its own:"
     ]
@@ -57,6 +57,13 @@ def _sizes(plan: SweepPlan, counts: Mapping[str, int]) -> tuple[list[str], dict[
     if len(counts) > MOST_MEASURED:
         lines.append(f"    {_count(len(counts) - MOST_MEASURED, 'reuse group')} more, not measured")
     return lines, unknowns
+
+
+def _first_places(labels: Iterable[str]) -> dict[str, int]:
+    places: dict[str, int] = {}
+    for place, label in enumerate(labels):
+        places.setdefault(label, place)
+    return places
 
 
 def _time(

@@ -17,8 +17,9 @@ def parameter_columns(plan: SweepPlan) -> dict[str, list[Any]]:
     It has numbers if all values are numbers or quantities, ``None`` in cases without this parameter; else text, empty
     there.
     """
-    keys = dict.fromkeys(key for case in plan.cases for key in case.parameters)
-    return {key: _column([case.parameters.get(key) for case in plan.cases]) for key in keys}
+    parameters = [*plan.cases.parameters]
+    keys = dict.fromkeys(key for values in parameters for key in values)
+    return {key: _column([values.get(key) for values in parameters]) for key in keys}
 
 
 def parameter_units(plan: SweepPlan) -> dict[str, str]:

@@ -4,10 +4,11 @@ A line holds cases whose numbers lie on a straight line, such as those along one
 many of them (`hpcinv.studies.sweep.parameter_series`).
 """
 
+import itertools
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,6 +51,14 @@ class SweepTask(BatchTask):
     ahead: Ahead | None
 
 
+class _Members(NamedTuple):
+    """Cases of a reuse group: their places in the queue, their points, and their numbers, (cases, numbers)."""
+
+    places: np.ndarray
+    points: Floats
+    numbers: Floats
+
+
 class Queue:
     """Queue of the open cases of a sweep; on the first rank of a group.
 
@@ -63,15 +72,17 @@ class Queue:
 
     def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
         self.plan, self.ledger, self.patience = plan, ledger, patience
-        distinct = {case.key: case for case in plan.cases}
-        self._cases = sorted(distinct.values(), key=lambda case: (case.reuse_group, case.number))
-        self._reuse_groups = np.array([case.reuse_group for case in self._cases])
-        self._members: dict[str, tuple[np.ndarray, Floats]] = {}  # of each reuse group, and their points
+        groups = [*plan.cases.reuse_groups]
+        distinct = {key: place for place, key in enumerate(plan.cases.keys)}
+        self._cases = plan.cases.chosen(sorted(distinct.values(), key=lambda place: (groups[place], place)))
+        self._keys = [*self._cases.keys]
+        self._reuse_groups = np.array([*self._cases.reuse_groups])
+        self._members: dict[str, _Members] = {}  # of each reuse group
         self._line = np.zeros(len(self._cases), dtype=bool)  # the cases of the present line
-        for reuse_group in dict.fromkeys(case.reuse_group for case in self._cases):
-            members = np.flatnonzero(self._reuse_groups == reuse_group)
-            numbers = [self._cases[i].numbers for i in members]
-            self._members[reuse_group] = members, np.stack([*map(ParameterSpace(numbers).point, numbers)])
+        for group, cases in itertools.groupby(enumerate(self._cases.numbers), lambda case: self._reuse_groups[case[0]]):
+            places, numbers = zip(*cases, strict=True)
+            points = np.stack([*map(ParameterSpace(numbers).point, numbers)])
+            self._members[str(group)] = _Members(np.array(places), points, np.array(numbers).reshape(len(places), -1))
         self._deadline: float | None = None  # of a wait for cases that others hold
         self._last = min(int(begin * len(self._cases)), len(self._cases) - 1)
         self._read_states()
@@ -115,22 +126,21 @@ class Queue:
         left = np.flatnonzero(self._line & self._open)
         if len(left) < LEAST_AHEAD:
             return None
-        members, points = self._members[self._cases[self._last].reuse_group]
-        places = np.searchsorted(members, left)
-        distances = np.linalg.norm(points[places] - self._last_point(), axis=1)
+        members = self._last_members
+        places = np.searchsorted(members.places, left)
+        distances = np.linalg.norm(members.points[places] - self._last_point(), axis=1)
         case = self._cases[left[np.argmax(distances)]]
         return Ahead(self.plan.content(case), case.numbers, len(left))
 
     def _best_line(self) -> np.ndarray:
         """Return the cases on that line through the last one on which most cases are open."""
         line = np.zeros(len(self._cases), dtype=bool)
-        case = self._cases[self._last]
-        members, _ = self._members[case.reuse_group]
-        members = members[self._open[members]]
-        if len(members) < LEAST_AHEAD:
+        group = self._last_members
+        is_open = self._open[group.places]
+        if is_open.sum() < LEAST_AHEAD:
             return line
-        here = np.array(case.numbers)
-        numbers = np.array([self._cases[i].numbers for i in members]).reshape(len(members), len(here))
+        members, numbers = group.places[is_open], group.numbers[is_open]
+        here = group.numbers[np.searchsorted(group.places, self._last)]
         ways = np.where(is_equal(numbers, here), 0.0, numbers - here)
         ways = ways[:, ways.any(axis=0)]
         ways /= np.abs(ways).max(axis=0, initial=0.0)
@@ -144,9 +154,13 @@ class Queue:
         return line
 
     def _last_point(self) -> Floats:
-        members, points = self._members[self._cases[self._last].reuse_group]
-        point: Floats = points[np.searchsorted(members, self._last)]
+        members = self._last_members
+        point: Floats = members.points[np.searchsorted(members.places, self._last)]
         return point
+
+    @property
+    def _last_members(self) -> _Members:
+        return self._members[str(self._reuse_groups[self._last])]
 
     def _claim(self) -> Claim | None:
         """Claim a case, the last one from now on, in one pass over those that seem to be open; ``None`` if all fail."""
@@ -155,7 +169,7 @@ class Queue:
             # Cases with which processes died come last, so that the others are solved first.
             left = ~tried
             number = self._nearest(left & (self._deaths == self._deaths[left].min()))
-            claim = self.ledger.claim(self._cases[number].key)
+            claim = self.ledger.claim(self._keys[number])
             if claim is not None:
                 self._open[number], self._last = False, number
                 return claim
@@ -170,7 +184,7 @@ class Queue:
         """Return the nearest case on the present line, else of its reuse group, else the first of the largest group."""
         if eligible[self._last]:
             return self._last
-        members, points = self._members[self._cases[self._last].reuse_group]
+        members, points, _ = self._last_members
         if (eligible & self._line).any():
             eligible = eligible & self._line
         if eligible[members].any():
@@ -180,8 +194,8 @@ class Queue:
         return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
 
     def _read_states(self) -> None:
-        states = self.ledger.states([case.key for case in self._cases])
-        self._states = [states[case.key] for case in self._cases]
+        states = self.ledger.states(self._keys)
+        self._states = [states[key] for key in self._keys]
         self._open = np.array([state.name != "finished" for state in self._states])
         self._deaths = np.array([state.died for state in self._states])
 

@@ -21,7 +21,7 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
     Args:
         known: result of an earlier call; records of converged cases are not read again.
     """
-    keys = dict.fromkeys(case.key for case in plan.cases)
+    keys = dict.fromkeys(plan.cases.keys)
     kept = {key: record for key, record in (known or {}).items() if record.converged}
     kept |= {key: _short(record) for key, record in ledger.records(key for key in keys if key not in kept)}
     return {key: kept[key] for key in keys if key in kept}
@@ -45,10 +45,10 @@ def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     """Yield job, fingerprint, versions and machine of each case as JSON, as far as they are known."""
     lines = {
         key: json.dumps({k: record.statistics[k] for k in _PROVENANCE if k in record.statistics}, ensure_ascii=False)
-        for key, record in ledger.records(dict.fromkeys(case.key for case in plan.cases))
+        for key, record in ledger.records(dict.fromkeys(plan.cases.keys))
     }
-    for case in plan.cases:
-        yield lines.get(case.key, "{}")
+    for key in plan.cases.keys:
+        yield lines.get(key, "{}")
 
 
 def _short(record: CaseRecord) -> CaseRecord:

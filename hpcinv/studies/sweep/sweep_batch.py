@@ -25,7 +25,7 @@ def sweep_batch(plan: SweepPlan) -> Batch:
 
 def open_damaged(plan: SweepPlan) -> int:
     """Open the cases with damaged records again, before the start of a sweep; return their number."""
-    return plan.ledger.reopen_damaged(dict.fromkeys(case.key for case in plan.cases))
+    return plan.ledger.reopen_damaged(dict.fromkeys(plan.cases.keys))
 
 
 def _queue(plan: SweepPlan, ledger: Ledger, begin: float, _ranks: int) -> Queue:

@@ -1,6 +1,8 @@
 """Plan of a sweep: every case with its key, all checked before any of them begins."""
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +11,11 @@ from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.job_variants import JobVariants
-from hpcinv.job.resolved_job import SectionData
-from hpcinv.job.reuse_key import keys_of, numbers_of
 from hpcinv.job.yaml_reader import read_yaml
-from hpcinv.studies.batch.axes import combined, sections_first
+from hpcinv.studies.batch.axes import number_of, sections_first
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.studies.batch.specification import SpecificationFaults, changed_data, read_base, read_spec, texts_of
+from hpcinv.studies.batch.specification import SpecificationFaults, changed_data, read_base, read_spec
+from hpcinv.studies.sweep.cases import Case, Cases, title_of
 from hpcinv.studies.sweep.sweep_spec import Sweep
 
 _STORE = Path("results/store")
@@ -28,34 +29,8 @@ _KEEPING = {"checkpoint": {"seconds": 0.0, "keep": 1}}
 
 
 @dataclass(frozen=True)
-class Case:
-    """One job of a sweep.
-
-    Attributes:
-        key: hash of everything that its results depend on, the same in every sweep (20 hex digits).
-        reuse_group: key of the cases that share mesh, equations and the pattern of the factorization.
-        numbers: the numbers in which cases of one reuse group differ (SI).
-        parameters: values by key as in the file, sampled ones in SI, and labels of branches by the name of their axis.
-        settings: values by key that are set in the job of the sweep.
-        home: directory of the file of its mesh.
-    """
-
-    number: int
-    key: str
-    reuse_group: str
-    numbers: tuple[float, ...]
-    parameters: Mapping[str, Any]
-    settings: Mapping[str, Any]
-    home: Path
-
-    @property
-    def title(self) -> str:
-        return _title(self.number, self.parameters)
-
-
-@dataclass(frozen=True)
-class SweepPlan:
-    """A sweep and its cases in order; ``data`` is the content of the job file ``base``.
+class SweepFile:
+    """A sweep whose cases are not checked yet; ``data`` is the content of the job file ``base``.
 
     Attributes:
         is_untrusted: whether the file is from another source, so that nothing in its jobs may be executed.
@@ -65,8 +40,7 @@ class SweepPlan:
     sweep: Sweep
     base: Path
     data: Mapping[str, Any]
-    cases: tuple[Case, ...]
-    is_untrusted: bool = False
+    is_untrusted: bool
 
     @property
     def store(self) -> Path:
@@ -74,14 +48,43 @@ class SweepPlan:
         return _STORE if self.sweep.store is None else self.path.parent / self.sweep.store
 
     @property
-    def ledger(self) -> Ledger:
-        """The ledger of the store, for reading."""
-        return ledger_of(self.store, {case.key: case.home for case in self.cases})
-
-    @property
     def results(self) -> Path:
         """Directory of tables, diagrams and scripts, unless another one is given."""
         return Path("results") / self.sweep.sweep
+
+    @property
+    def case_count(self) -> int:
+        return number_of(self.sweep.axes)
+
+    def plan(self, first: int | None = None) -> SweepPlan:
+        """Check all cases, or the ``first`` ones.
+
+        Raises:
+            JobError: with a line for each fault, of the form ``file: case (and n more cases): key: fault``.
+        """
+        cases, faults = Cases(self.sweep), SpecificationFaults(self.path, "case")
+        variants, contents = JobVariants(self.base, untrusted=self.is_untrusted), _Contents(self.sweep, self.data)
+        for number in range(len(cases.points))[:first]:
+            parameters, given = cases.points[number]
+            try:
+                job = variants.job(contents.of(given))
+                cases.append(*variants.identity(job))
+            except JobError as error:
+                faults.add(error, title_of(number, parameters), self.base)
+        faults.raise_if_any()
+        return SweepPlan(self.path, self.sweep, self.base, self.data, self.is_untrusted, cases)
+
+
+@dataclass(frozen=True)
+class SweepPlan(SweepFile):
+    """A sweep and its cases in order."""
+
+    cases: Cases
+
+    @property
+    def ledger(self) -> Ledger:
+        """The ledger of the store, for reading."""
+        return ledger_of(self.store, self.cases.home_of())
 
     def job(self, case: Case) -> Job:
         """Return the job of a case; raises ``JobError`` if a file that it needs was removed meanwhile."""
@@ -89,20 +92,20 @@ class SweepPlan:
 
     def content(self, case: Case) -> Mapping[str, Any]:
         """Return the content of a job file of the case, with paths relative to the job of the sweep."""
-        return _content(self.data, case.settings, self.sweep.keep_solutions)
+        return _with_defaults(changed_data(self.data, case.settings), self.sweep.keep_solutions)
 
 
-def load_sweep(
+def read_sweep(
     source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False
-) -> SweepPlan:
-    """Read a sweep, a file or a mapping with the content of one, and check all of its cases.
+) -> SweepFile:
+    """Read a sweep, a file or a mapping with the content of one.
 
     Args:
         directory: base of relative paths in a mapping; in a file they are relative to the file.
         untrusted: the sweep is from another source, as in `hpcinv.job.job.load`.
 
     Raises:
-        JobError: with a line for each fault, of the form ``file: case (and n more cases): key: fault``.
+        JobError: with a line for each fault of the file.
     """
     if isinstance(source, Mapping):
         path, content = Path(directory) / UNNAMED, {"sweep": "sweep", **source}
@@ -113,24 +116,14 @@ def load_sweep(
     untrusted = untrusted or is_asked()
     sweep = read_spec(Sweep, "sweep", path, content, untrusted=untrusted)
     base, data = read_base(path, sweep.job)
-    faults = SpecificationFaults(path, "case")
-    cases = tuple(_cases(sweep, base, data, faults, untrusted))
-    faults.raise_if_any()
-    return SweepPlan(path, sweep, base, data, cases, untrusted)
+    return SweepFile(path, sweep, base, data, untrusted)
 
 
-def _cases(
-    sweep: Sweep, base: Path, data: Mapping[str, Any], faults: SpecificationFaults, untrusted: bool
-) -> Iterator[Case]:
-    """Yield every valid case; faults of the others are added to ``faults``."""
-    known, variants, contents = SectionData(), JobVariants(base, untrusted=untrusted), _Contents(sweep, data)
-    for number, (parameters, given) in enumerate(combined(sweep.axes)):
-        with faults.collected(_title(number, parameters), base):
-            settings, content = contents.of(given)
-            job = variants.job(content)
-            key, reuse_group = keys_of(job, known)
-            home = job.resolve(job.mesh.file).absolute().parent
-            yield Case(number, key, reuse_group, numbers_of(job), parameters, settings, home)
+def load_sweep(
+    source: str | Path | Mapping[str, Any], directory: str | Path = ".", *, untrusted: bool = False
+) -> SweepPlan:
+    """Read a sweep and check all of its cases; as `read_sweep` and `SweepFile.plan`."""
+    return read_sweep(source, directory, untrusted=untrusted).plan()
 
 
 class _Contents:
@@ -138,28 +131,22 @@ class _Contents:
 
     def __init__(self, sweep: Sweep, data: Mapping[str, Any]) -> None:
         self._data, self._defaults, self._keeps_solutions = data, sections_first(sweep.set), sweep.keep_solutions
-        self._templates: dict[frozenset[str], tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {}
+        self._templates: dict[frozenset[str], tuple[dict[str, Any], dict[str, Any]]] = {}
 
-    def of(self, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return all settings of a case by key, and the content of its job file, for the settings of its axes."""
+    def of(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the content of the job file of a case, for the settings of its axes."""
         replaced = frozenset(self._defaults.keys() & given.keys())
         if replaced not in self._templates:
             common = {key: value for key, value in self._defaults.items() if key not in replaced}
             plain = changed_data(self._data, common)
-            self._templates[replaced] = common, plain, _with_defaults(plain, self._keeps_solutions)
-        common, plain, complete = self._templates[replaced]
-        settings = sections_first(given)
-        changed: dict[str, Any] = changed_data(plain, settings)
+            self._templates[replaced] = plain, _with_defaults(plain, self._keeps_solutions)
+        plain, complete = self._templates[replaced]
+        changed: dict[str, Any] = changed_data(plain, sections_first(given))
         if all(changed.get(section) is plain.get(section) for section in _DEFAULTS):
             changed |= {section: complete[section] for section in _DEFAULTS}
         else:
             changed = _with_defaults(changed, self._keeps_solutions)
-        return {**common, **settings}, changed
-
-
-def _content(data: Mapping[str, Any], settings: Mapping[str, Any], keeps_solutions: bool) -> Mapping[str, Any]:
-    """Return the content of a job file with some settings, whose only output by default is the summary."""
-    return _with_defaults(changed_data(data, settings), keeps_solutions)
+        return changed
 
 
 def _with_defaults(content: Mapping[str, Any], keeps_solutions: bool) -> dict[str, Any]:
@@ -169,7 +156,3 @@ def _with_defaults(content: Mapping[str, Any], keeps_solutions: bool) -> dict[st
         if isinstance(given, Mapping):
             completed[section] = {**default, **given}
     return completed
-
-
-def _title(number: int, parameters: Mapping[str, Any]) -> str:
-    return ", ".join((f"case {number}", *texts_of(parameters)))

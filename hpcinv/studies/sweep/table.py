@@ -41,10 +41,10 @@ def columns(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> Columns:
     Args:
         records: of finished cases by key; others are ``open``.
     """
-    rows = [records.get(case.key) for case in plan.cases]
+    rows = [records.get(key) for key in plan.cases.keys]
     columns_by_name: Columns = {
-        "number": [case.number for case in plan.cases],
-        "key": [case.key for case in plan.cases],
+        "number": [*plan.cases.places],
+        "key": [*plan.cases.keys],
     }
     columns_by_name |= {parameter_name(key): values for key, values in parameter_columns(plan).items()}
     for name, value_of in OUTCOME.items():
@@ -65,13 +65,13 @@ def units(plan: SweepPlan, records: Mapping[str, CaseRecord]) -> dict[str, str]:
     """Return the SI units of the columns, as far as they are known."""
     units_by_name = _UNITS | {parameter_name(key): unit for key, unit in parameter_units(plan).items()}
     taken, seen = _taken(plan), set[str]()
-    for case in plan.cases:
-        record = records.get(case.key)
+    for place, key in enumerate(plan.cases.keys):
+        record = records.get(key)
         quantities = {} if record is None else record.statistics.get("quantities", {})
         if not quantities.keys() - seen:
             continue
         seen |= quantities.keys()
-        job = plan.job(case)
+        job = plan.job(plan.cases[place])
         parameter_units_by_key = {p.key: p.dimension.unit for p in job.differentiated if p.dimension is not None}
         for name, value in quantities.items():
             unit = unit_of(f"quantities.{name}", job)
@@ -112,7 +112,7 @@ def parameter_name(key: str) -> str:
 
 def parameter_names(plan: SweepPlan) -> list[str]:
     """Return the columns of parameters."""
-    return [parameter_name(key) for key in dict.fromkeys(key for case in plan.cases for key in case.parameters)]
+    return [parameter_name(key) for key in dict.fromkeys(key for values in plan.cases.parameters for key in values)]
 
 
 def _taken(plan: SweepPlan) -> frozenset[str]:

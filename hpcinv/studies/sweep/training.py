@@ -17,10 +17,11 @@ from hpcinv.output.run_store import problem_fingerprint
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Guess, sign_of
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.sweep.cases import Case
 from hpcinv.studies.sweep.reduced_basis import ReducedBasis, TrainingCase
 from hpcinv.studies.sweep.results import results
 from hpcinv.studies.sweep.shape_spread import kept_file
-from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan
+from hpcinv.studies.sweep.sweep_plan import SweepPlan
 
 _FEWEST = 3
 """Fewest cases of a basis: with fewer no case can be predicted from two others."""

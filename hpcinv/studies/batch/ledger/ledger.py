@@ -31,7 +31,7 @@ directory, which the next claim renames.
 import contextlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -110,8 +110,8 @@ class Ledger:
     Args:
         lease: seconds within which the heartbeat of a holder elsewhere must change.
         supervised: whether a supervisor notes the crashes of this process.
-        homes: directories of the programs that make meshes, by keys of cases. A record whose mesh was made from files
-            with another content than they have there now counts as damaged.
+        home_of: returns the directory of the program that makes the mesh of a case, by its key, if that is known. A
+            record whose mesh was made from files with another content than they have there now counts as damaged.
 
     Raises:
         OutputError: from every method, where the file system fails; no half-written file is left. From methods that
@@ -125,10 +125,10 @@ class Ledger:
         *,
         lease: float = LEASE,
         supervised: bool = False,
-        homes: Mapping[str, Path] | None = None,
+        home_of: Callable[[str], Path | None] = lambda key: None,
     ) -> None:
         self.path, self.holder, self.lease, self.supervised = path, holder, lease, supervised
-        self.homes: dict[str, Path] = dict(homes or {})
+        self.home_of = home_of
         self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
 
     def directory(self, key: str) -> Path:
@@ -288,7 +288,7 @@ class Ledger:
         try:
             with as_output_error(file):
                 record = CaseRecord.decoded(file.read_bytes())
-            if (home := self.homes.get(key)) is not None and (changed := changed_inputs(record.inputs, home)):
+            if (home := self.home_of(key)) is not None and (changed := changed_inputs(record.inputs, home)):
                 raise ValueError(f"{home / changed[0]} has changed since the mesh was made from it")
             return record
         except OtherVersionError as error:
@@ -330,14 +330,14 @@ class Ledger:
                 self._watch.remove_heartbeat(holder)
 
 
-def ledger_of(store: Path, homes: Mapping[str, Path] | None = None) -> Ledger:
-    """Return the ledger of a store, for reading; ``homes`` as for `Ledger`.
+def ledger_of(store: Path, home_of: Callable[[str], Path | None] = lambda key: None) -> Ledger:
+    """Return the ledger of a store, for reading; ``home_of`` as for `Ledger`.
 
     Raises:
         OutputError: the store has another format.
     """
     check_format(store)
-    return Ledger(store, Holder(store), homes=homes)
+    return Ledger(store, Holder(store), home_of=home_of)
 
 
 def _is_last(claim: Claim, history: History) -> bool:
