@@ -327,3 +327,17 @@ def test_cards_of_an_incompressible_material_have_no_bulk_modulus() -> None:
         assert abaqus.read(f"*HYPERELASTIC, {text}").law.material[key] == "incompressible"
     text = "*ANISOTROPIC HYPERELASTIC, HOLZAPFEL, LOCAL DIRECTIONS=1\n0.3, 0, 0.6, 0.8, 0.1"
     assert law_of(abaqus.read(text).law).law == "holzapfel-gasser-ogden"  # type: ignore[attr-defined]
+
+
+def test_chains_without_a_constraint_carry_no_stress_at_rest() -> None:
+    """A term of ln J cancels the one that powers of I1 have."""
+    card = febio.read(material("Arruda-Boyce unconstrained", ksi=0.4, N=8, n_term=5, kappa=20))
+    law = law_of(card.law)
+    with mp.workdps(40):
+        for path in (lambda x: mp.diag([1 + x, 1, 1]), volumetric_around_rest):
+            stress = mp.diff(lambda x, path=path: energy(law, State(path(x)), {}, card.law.definitions), 0)
+            assert abs(stress) < 1e-14
+
+
+def volumetric_around_rest(x: Any) -> Any:
+    return (1 + x) * mp.eye(3)

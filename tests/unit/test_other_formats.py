@@ -86,6 +86,24 @@ def test_nodes_numbers_and_sets_come_back(suffix: str, hexahedra: bool, degree: 
     assert contents(second) == contents(first)
 
 
+def test_quadratic_triangles_of_unv_have_corners_and_middles_by_turns(tmp_path: Path) -> None:
+    """By our own reader the middles would not be missed: it takes the corners of a facet."""
+    source, path = box(False, 2), tmp_path / "box.unv"
+    save(path, source, source.points)
+    nodes, elements = (path.read_text().split("    -1\n")[k].splitlines() for k in (1, 3))
+    assert (nodes[0].strip(), elements[0].strip()) == ("2411", "2412")
+    heads = [line.split() for line in nodes[1::2]]
+    points = {
+        int(head[0]): np.array(line.replace("D", "E").split(), float)
+        for head, line in zip(heads, nodes[2::2], strict=True)
+    }
+    facets = [line for head, line in zip(elements[1::2], elements[2::2], strict=False) if head.split()[1:2] == ["92"]]
+    assert facets
+    for line in facets:
+        places = np.array([points[int(node)] for node in line.split()])
+        assert np.allclose(places[1::2], (places[::2] + np.roll(places[::2], -1, axis=0)) / 2)
+
+
 @cache
 def written_by_gmsh(folder: Path, suffix: str, hexahedra: bool, degree: int) -> Path:
     """A brick of 2 x 1 x 1 by gmsh, with its ends and its volume as groups."""

@@ -105,8 +105,8 @@ def _clusters(body: Body, corners: Ints, most: int) -> Ints:
     """Number of the cluster of each local node; collective."""
     comm, nodes = body.mesh.comm, body.given_nodes
     low, side = _grid(body, corners, most)
-    place = np.floor((nodes - low) / side).astype(np.int64) + 1
-    most_place = comm.allreduce(int(place.max(initial=0)), op=MPI.MAX) + 2
+    place = np.floor((nodes - low) / side).astype(np.int64)
+    most_place = comm.allreduce(int(place.max(initial=0)), op=MPI.MAX) + 1
     return np.asarray(((place[:, 0] * most_place + place[:, 1]) * most_place + place[:, 2]) * SIDES + facing(body.mesh))
 
 
