@@ -29,6 +29,7 @@ class CheckedRun:
         observer: of the return solve, and of a solve in finer spaces; it is also asked whether to stop.
         rest_correction: for a further state, the correction of the rest shape by the estimate of the given one.
         deviation: standard deviation (m) of the shape by errors of the given surface, 0 if it is not known.
+        announce: called with what a long check takes, when that is known.
         lines: of the checks that were made, by their kind.
         forward: factors of the forward tangent at the first solution.
     """
@@ -40,6 +41,7 @@ class CheckedRun:
     observer: Observer = SILENT
     rest_correction: Correction | None = None
     deviation: float = 0.0
+    announce: Callable[[str], None] = lambda _: None
     lines: dict[type[Check], Sequence[Line]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -130,7 +132,8 @@ def certify_all(
         deviations: standard deviations (m) of shapes by errors of the given surface, by state, where they are known.
     """
     if not solutions[0].state:
-        run = CheckedRun(equations[0], solutions, values, estimate, observer, deviation=deviations.get("", 0.0))
+        deviation = deviations.get("", 0.0)
+        run = CheckedRun(equations[0], solutions, values, estimate, observer, deviation=deviation, announce=detail)
         return certify(run, detail)
     lines: list[Line] = []
     for own_equations, solution in zip(equations, solutions, strict=False):

@@ -28,9 +28,8 @@ ADMISSIBLE = topic(
     computed="linear program for the widest of all smallest gaps",
     thresholds="where there is none; never",
 )
-_KNOWN = "a 'known' greatest_pressure, or a force, would bound it"
-_LOCKED = f"; friction locks the bodies: within the cone, tractions of any size balance each other; {_KNOWN}"
-_UNBOUNDED = f"; {_KNOWN}, unless it is the place of a free part"
+_LOCKED = "; friction locks the bodies: within the cone, tractions of any size balance each other"
+_UNBOUNDED = "; what is 'known' of the contact cannot bound it: measure a state of the bodies without contact"
 
 
 class ContactIntervalCheck(Check):
@@ -44,7 +43,7 @@ class ContactIntervalCheck(Check):
 
     def lines(self, run: CheckedRun) -> Iterator[Line]:
         try:
-            found = on_demand("contact intervals")(run.equations, run.solution)
+            found = on_demand("contact intervals")(run.equations, run.solution, run.announce)
         except SolveError as reason:
             note = f"a body is held by contact alone, or a solve failed: {reason.message}"
             yield Line(ADMISSIBLE, None, "", "ends must exist", Verdict.UNDECIDED, note)
@@ -57,7 +56,7 @@ class ContactIntervalCheck(Check):
         elif found.overlap is not None:
             note = f"no unloaded bodies exist that do not overlap: by at least {readable(found.overlap, 'm')}"
             yield Line(ADMISSIBLE, found.overlap, "m", "warning if there is none", Verdict.WARN, note)
-        yield from (_line(interval, found.count, found.is_locked) for interval in found.intervals)
+        yield from (_line(interval, found) for interval in found.intervals)
         if found.intervals:
             note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
             about = INTERVAL.placed("shape")
@@ -73,14 +72,18 @@ def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
     return Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
 
 
-def _line(found: Any, count: int, is_locked: bool) -> Line:
-    """Return the line of an `hpcinv.trust.intervals.contact_interval.Interval`."""
+def _line(found: Any, all_found: Any) -> Line:
+    """Return the line of an `Interval`, one of `ContactIntervals` (`hpcinv.trust.intervals.contact_interval`)."""
+    count, fine = all_found.count, all_found.fine
     width = None if found.low is None or found.high is None else found.high - found.low
     zero = 1e-9 * (width or 0.0)  # rounding errors
     ends = [_end(end, found.unit, zero) for end in (found.low, found.high)]
-    note = f"{ends[0]} to {ends[1]}, over {count} tractions in {found.solves} solves"
+    field = f" of a coarse field of {fine} pressures" if fine else ""
+    note = f"{ends[0]} to {ends[1]}, over {count} tractions{field} in {found.solves} solves"
     if width is None:
-        note += _LOCKED if is_locked else _UNBOUNDED
+        note += _LOCKED if all_found.is_locked else ""
+        remedies = " or ".join(f"'{key}'" for key in found.remedies)
+        note += f"; a known {remedies} would bound it" if remedies else _UNBOUNDED
     note += "" if found.has_settled else "; an end has not settled"
     verdict = Verdict.PASS if width is not None and found.has_settled else Verdict.UNDECIDED
     data = {"of": found.name, "low": found.low, "high": found.high, "unit": found.unit}

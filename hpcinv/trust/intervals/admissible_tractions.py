@@ -92,6 +92,28 @@ class AdmissibleTractions:
         left = 0.0 if self.unbalanced is None else float(np.abs(self.unbalanced[0]).max(initial=0.0))
         return max(0.0, -float(self.gaps.min(initial=0.0)), left)
 
+    def bounding(self, slopes: Floats, sign: float, areas: Sequence[Floats]) -> frozenset[str]:
+        """Return which keys of 'known' would bound ``sign · slopes · z``.
+
+        Args:
+            areas: whose products with the numbers add up to forces, of each interface.
+        """
+        is_pressure = (self._lowest == 0) & np.isinf(self.greatest)
+        largest = [(a / np.abs(a).max(initial=1e-300), -np.inf, _LARGE) for a in areas]
+        tried = {
+            "greatest_pressure": replace(self, greatest=np.where(is_pressure, _LARGE, self.greatest)),
+            "force": replace(self, forces=[*self.forces, *largest]),
+            "greatest_rest_gap": replace(self, widest=np.minimum(self.widest, _LARGE)),
+        }
+        found = set[str]()
+        for key, bounded in tried.items():
+            try:
+                bounded.end(slopes, sign)
+            except (UnboundedEnd, NoPressure):
+                continue
+            found.add(key)
+        return frozenset(found)
+
     def rows(self, origin: Floats) -> tuple[Floats, Floats]:
         """Return matrix A and bounds b of all inequalities ``A dz ≤ b`` of changes dz from numbers (n,)."""
         rows, limits = self._rows([[cone.directions(self.values)] for cone in self.cones])
@@ -167,7 +189,8 @@ class AdmissibleTractions:
             bounded = np.isfinite(self.widest)
             parts.append((self.compliance[bounded], (self.widest - offset)[bounded]))
             for areas, least, greatest in self.forces:
-                parts += [(-areas[None, :], np.array([-least])), (areas[None, :], np.array([greatest]))]
+                parts += [(-areas[None, :], np.array([-least]))] if np.isfinite(least) else []
+                parts.append((areas[None, :], np.array([greatest])))
         for number, cone in enumerate(self.cones):
             rows = cone.rows(len(self.values), directions[number] if directions else (), share)
             parts.append((rows, np.zeros(rows.shape[0])))
@@ -247,6 +270,9 @@ _MOST = 30
 _POOR, _GOOD = 0.5, 0.9
 """Shares of a promised change below which the next changes are halved, and above which they may double. Raised, ends
 take more solves; lowered, programs jump to and fro across an end between corners."""
+_LARGE = 1e3
+"""Pressure, force and gap (scaled) that are taken as known to find out which of them bound a quantity. Raised, programs
+are worse conditioned."""
 _GROWS = 1e-6
 """Sum of pressures of at most 1 above which they grow without bound. Raised, weakly locked bodies are not found."""
 _MOST_FRICTION, _FRICTION_STEP = 64.0, 1e-3

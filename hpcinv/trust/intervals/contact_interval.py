@@ -42,6 +42,7 @@ class Interval:
     Attributes:
         value: at the solution.
         unit: SI unit, empty if it has none.
+        remedies: keys of 'known' that would bound an end that does not exist.
         has_settled: whether one more linear program would not move either end.
         solves: solves with other pressures.
     """
@@ -51,6 +52,7 @@ class Interval:
     low: float | None
     high: float | None
     unit: str
+    remedies: tuple[str, ...]
     has_settled: bool
     solves: int
 
@@ -66,6 +68,7 @@ class ContactIntervals:
         friction: least factor of the friction coefficients that holds all parts, where the given ones do not; ``inf``
             if none does.
         count: number of pressures and tangential tractions.
+        fine: number of pressures that the ones among them stand for in a coarse field; else 0.
         is_locked: whether tractions within the friction cone balance each other, however large.
     """
 
@@ -74,25 +77,25 @@ class ContactIntervals:
     overlap: float | None
     friction: float | None
     count: int
+    fine: int
     is_locked: bool
 
 
 def contact_intervals(
-    equations: Equations, solution: Solution, detail: Callable[[str], None] = lambda _: None
+    equations: Equations, solution: Solution, announce: Callable[[str], None] = lambda _: None
 ) -> ContactIntervals:
     """Return the intervals of the scalar quantities of an inverse solution with contact; collective.
 
     It takes, for each end, some factorizations, each with a substitution for each pressure.
 
     Args:
-        detail: called with the name of each quantity when its ends are searched.
+        announce: called with what each solve takes, before the ends are searched.
     """
-    bodies, fault, is_locked = PressedBodies(equations, solution), NoPressure(0.0), False
+    bodies, fault, is_locked = PressedBodies(equations, solution, announce=announce), NoPressure(0.0), False
     found, is_empty = list[Interval](), False
     try:
         ends = _Ends(bodies, equations)
         for name in reversed(bodies.units):  # force and gap first, whose ends are where others begin
-            detail(name)
             found.insert(0, ends.interval(name))
         if any(end is None for interval in found for end in (interval.low, interval.high)):
             is_locked = bodies.at_start.near.is_locked
@@ -102,7 +105,7 @@ def contact_intervals(
         bodies.destroy()
         equations.put(solution)
     overlap = -fault.gap * equations.scales.length if is_empty else None
-    return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, bodies.count, is_locked)
+    return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, bodies.count, bodies.fine, is_locked)
 
 
 class _Ends:
@@ -126,12 +129,8 @@ class _Ends:
     def interval(self, name: str) -> Interval:
         """Return the interval of a quantity; raise `NoPressure` if no pressures are admissible."""
         bodies = self._bodies
-        first, ends, settled, before = (
-            bodies.at_start.values[name],
-            list[float | None](),
-            True,
-            len(self._solved_bodies),
-        )
+        first, ends, settled = bodies.at_start.values[name], list[float | None](), True
+        before, remedies = len(self._solved_bodies), list[frozenset[str]]()
         tolerance = _SETTLED * max(abs(first), self._promised(name), 1e-300)
         for sign in (-1.0, 1.0):
             for further in self._directions:
@@ -141,12 +140,22 @@ class _Ends:
                 end = settled_end(solve, choose, self._best(name, sign), tolerance, self._depth)
             except UnboundedEnd:
                 ends.append(None)
+                remedies.append(self._bounding(name, sign))
                 continue
             ends.append(self._farthest(name, sign, end[0]))
             settled &= end[2]
             self._shapes.append(self._last_shape)
-        solves = len(self._solved_bodies) - before
-        return Interval(name, first, ends[0], ends[1], bodies.units[name], settled, solves)
+        solves, value = len(self._solved_bodies) - before, bodies.computed.get(name, first)
+        common = tuple(sorted(frozenset.intersection(*remedies))) if remedies else ()
+        return Interval(name, value, ends[0], ends[1], bodies.units[name], common, settled, solves)
+
+    def _bounding(self, name: str, sign: float) -> frozenset[str]:
+        """Return the keys of 'known' with which the first program has an end, whatever their value; collective."""
+        start = self._bodies.at_start
+        areas = [slopes for key, slopes in start.slopes.items() if key.startswith("force on ")]
+        found = start.near.bounding(start.slopes[name], sign, areas) if self._comm.rank == 0 else None
+        keys: frozenset[str] = self._comm.bcast(found)
+        return keys
 
     def _best(self, name: str, sign: float) -> Floats:
         """Return the numbers with the largest or smallest quantity of all that were solved for.

@@ -8,13 +8,15 @@ such a part can be lifted off. Admissible tractions leave no force in the spring
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.sections import QuantityOfInterest
@@ -68,20 +70,32 @@ class PressedBodies:
 
     Args:
         with_energy: whether solves have the stored energy.
+        announce: called with what a solve takes, when the first substitution has been measured.
 
     Attributes:
         units: SI units by the names of the job's quantities, and of force and mean rest gap of each interface.
         comm: of the body.
+        computed: values of the quantities at the solution.
+        fine: number of functions that may press, where the pressures among the numbers are a coarse field; else 0.
         count: number of pressures and tangential tractions.
         start: numbers (scaled) of the solution: tractions of each interface, and places of free parts.
     """
 
-    def __init__(self, equations: Equations, solution: Solution, *, with_energy: bool = False) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        solution: Solution,
+        *,
+        with_energy: bool = False,
+        announce: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._announce: Callable[[str], None] | None = announce
         self._scales, self._body, self._solution = equations.scales, equations.body, solution
         self._with_energy, self.comm = with_energy, equations.body.mesh.comm
         wanted = [q for q in solution.job.quantities if not q.is_reaction]
         computed = evaluate(wanted, self._body, solution, equations)
         self._quantities = [q for q in wanted if isinstance(computed[q.name], float)]
+        self.computed = {q.name: float(computed[q.name]) for q in self._quantities}  # type: ignore[arg-type]
         others = tuple(q for q in self._quantities if not is_of_positions(q))
         self._job = _with_given_pressures(solution.job).model_copy(update={"quantities": others})
         self._equations = Equations(self._job, equations.body, equations.timings, equations)
@@ -93,6 +107,8 @@ class PressedBodies:
         self._varied = _varied([pair for pair in weak_form.contacts.pairs if pair.assumes_pressure])
         starts = [own.present() for own in self._varied]
         self.count = sum(own.count for own in self._varied)
+        is_coarse = any(own.fine > own.pressures for own in self._varied)
+        self.fine = sum(own.fine for own in self._varied) if is_coarse else 0
         own_form = self._equations.weak_form("inverse")
         pins = pins_of_loose_parts(self._job, self._body, equations.supports, own_form)
         own_form.contacts.pins = tuple(pins)
@@ -216,9 +232,13 @@ class PressedBodies:
         all_forces = csr_array(vstack([csr_array(f[None, :]) for f in self._unit_forces(contacts.pins)]))
         products = list[Floats]()
         for number in range(all_forces.shape[0]):
+            started = time.perf_counter()
             b.array[:] = all_forces[[number]].toarray()[0]
             equations.supports.free(b.array)
             found = numbers.solve(b, np.zeros(numbers.count), x)
+            if number == 1 and self._announce is not None:  # the first one may factorize
+                self._announce(self._price(time.perf_counter() - started))
+                self._announce = None
             products.append(all_forces @ x.array)
             columns.append(-np.concatenate([gaps.rates(x) for gaps in measured]))
             motions.append(np.concatenate([np.zeros(0), *(pin.motion(x) for pin in contacts.pins)]))
@@ -240,6 +260,13 @@ class PressedBodies:
             unbalanced = np.concatenate(left), np.array(motions).T - self._lifts.place_rates(len(values))
         stiffness = self._body.mesh.comm.allreduce(np.array(products))
         return self._admissible(values, found_gaps, compliance, unbalanced), changes, stiffness
+
+    def _price(self, seconds: float) -> str:
+        """Return what a solve takes, for the seconds of one substitution; collective."""
+        seconds = self.comm.allreduce(seconds, op=MPI.MAX) * self.count
+        coarse = f" of a coarse field of {self.fine:,} pressures" if self.fine else ""
+        each = f"a factorization, and as many substitutions in {seconds:.2g} s"
+        return f"{self.count:,} tractions{coarse}: each solve takes {each}"
 
     def _unit_forces(self, pins: Sequence[Pins]) -> Iterator[Floats]:
         """Yield the nodal forces (owned unknowns, scaled) of a unit of each number."""
