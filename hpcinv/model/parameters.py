@@ -24,9 +24,10 @@ from ufl.classes import ListTensor
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.nondimensional import LengthsOfBody, Scales
-from hpcinv.base.quantity.spatial_fields import ByFormula, Field
+from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.mesh.regions import Mesh
+from hpcinv.mesh.source import DataArray
 from hpcinv.model.fields import BodyFields
 from hpcinv.physics.kinematics.kinematics import Kinematics, OtherState
 from hpcinv.physics.kinematics.ufl_formulas import position_formula
@@ -79,6 +80,7 @@ class Parameters:
         self._first: npt.NDArray[np.float64] | None = None  # entries where a line begins
         self._metre: int | None = None
         self._functions: dict[str, tuple[fem.Function, Dimension]] = {}
+        self._arrays: dict[str, DataArray] = {}  # of the mesh, which functions have
         self._places = [self._places_of(where, ingredient) for where, ingredient in ingredients]
         self._growing = self._append(0.0) if may_grow else None
         self._numbers = {where: number for number, (where, _) in enumerate(ingredients)}
@@ -163,6 +165,17 @@ class Parameters:
         self._scales = scales
         self._values[:] = self._entries_of(ingredients)
         self.end_line()
+        self._read_changed_arrays(ingredients)
+
+    def _read_changed_arrays(self, ingredients: Sequence[tuple[str, Ingredient]]) -> None:
+        """Take values of data arrays that the mesh has by now; collective."""
+        for where, ingredient in ingredients:
+            for name, (value, dimension) in ingredient.quantities().items():
+                key = f"{where}.{name}"
+                if isinstance(value, ByData) and self._arrays[key] is not self.fields.body.source.data[value.array]:
+                    scale = self._scales.unit_of(dimension)
+                    self._functions[key][0].x.array[:] = self.fields.function(value, scale, key).x.array
+                    self._arrays[key] = self.fields.body.source.data[value.array]
 
     def _entries_of(self, ingredients: Sequence[tuple[str, Ingredient]]) -> npt.NDArray[np.float64]:
         """Return the entries of the constant for other ingredients, in the present scales."""
@@ -264,6 +277,8 @@ class Parameters:
         if isinstance(value, Field):
             if where not in self._functions:
                 self._functions[where] = self.fields.function(value, scale, where), dimension
+                if isinstance(value, ByData):
+                    self._arrays[where] = self.fields.body.source.data[value.array]
             return self._functions[where][0]
         return self._append(value / scale)
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from dataclasses import replace
 from typing import cast
 
+import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.files.inputs import changed_inputs
@@ -21,6 +23,7 @@ from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import body_key, reuse_group_of, structure_of
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cell_count import no_report
+from hpcinv.mesh.source import DataArray, Floats
 from hpcinv.solver.equations import Equations
 
 
@@ -54,6 +57,19 @@ class Workspace:
         body = build_body(job.mesh, job.regions, self.comm, resolve=job.resolve, degree=degree, report=report)
         self._body = key, body
         return body
+
+    def put_array(self, name: str, values: Floats) -> None:
+        """Give a data array of the body's mesh other values, which later runs have; collective.
+
+        Args:
+            values: (rows,) or (rows, components) in the order of the mesh, the same on all ranks.
+        """
+        assert self._body is not None
+        source = self._body[1].source
+        array, rows = source.data[name], self.comm.rank == 0
+        own = np.ascontiguousarray(values, dtype=np.float64).reshape(-1, array.values.shape[1])
+        changed = replace(array, values=own.copy() if rows else array.values.copy())
+        cast(dict[str, DataArray], source.data)[name] = changed
 
     def _key(self, job: Job) -> tuple[str, bool]:
         """Return the key of a job's body, and whether it is the kept one, made of files as they are now; on rank 0."""

@@ -1,0 +1,199 @@
+"""A job as a function of numbers and data arrays, with the products of its derivatives; collective."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from hpcinv.base.parallel.runtime import MPI, on_root
+from hpcinv.base.quantity.component import Ingredient
+from hpcinv.base.quantity.spatial_fields import ByData
+from hpcinv.base.quantity.suggestions import did_you_mean
+from hpcinv.driver import run
+from hpcinv.errors import JobError
+from hpcinv.job.job import Job, load
+from hpcinv.job.sensitivities import fault_of_setting, stated_values, tied_parameters
+from hpcinv.mesh.source import Floats
+from hpcinv.output.result import Result
+from hpcinv.solver.methods.method import Guess
+from hpcinv.solver.workspace import Workspace
+
+SHAPE = "shape"
+
+
+class DifferentiableJob:
+    """A job whose inputs are numbers under ``sensitivities`` and data arrays of its mesh.
+
+    Body, equations, programs and factors are kept between evaluations, and each solve begins at the last solution.
+
+    Args:
+        job: as `hpcinv.run` takes it.
+        inputs: keys: of numbers under ``sensitivities``, or of quantities that the job takes from a data array, such as
+            ``material.mu``.
+        outputs: ``shape``, and names of quantities.
+
+    Attributes:
+        job: without certificate.
+        start: the inputs in the job, in SI; arrays in the unit of the job's ``data``.
+        input_shapes, output_shapes: shapes of the arrays; a number has ``()``, ``shape`` has (nodes, 3).
+
+    Raises:
+        JobError, MeshError: on all ranks, for unknown inputs and outputs, and for what the job lacks.
+    """
+
+    def __init__(
+        self,
+        job: Job | str | PathLike[str] | Any,
+        inputs: Sequence[str],
+        outputs: Sequence[str] = (SHAPE,),
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
+    ) -> None:
+        if not isinstance(job, Job):
+            given = job
+            job = on_root(comm, lambda: load(given))
+        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+        self.job: Job = job.with_({"certificate": "off", "identify": None})
+        self._numbers = {p.key: p for p in self.job.differentiated if p.key in self.inputs}
+        self._arrays = {key: array for key, array in _arrays_of(self.job).items() if key in self.inputs}
+        self._check()
+        self._workspace = Workspace(comm)
+        source = self._workspace.body(self.job).source
+        rows = {name: comm.bcast(array.values.shape) for name, array in source.data.items()}
+        if missing := [array for array in self._arrays.values() if array not in rows]:
+            raise self._error(f"the mesh has no data array '{missing[0]}'")
+        nodes = int(comm.allreduce(len(source.points)))
+        self.input_shapes = tuple(
+            () if key in self._numbers else _plain(rows[self._arrays[key]]) for key in self.inputs
+        )
+        arrays = {key: comm.bcast(source.data[name].values) for key, name in self._arrays.items()}
+        self.start = [
+            np.array(self._numbers[key].value if key in self._numbers else arrays[key].reshape(shape))
+            for key, shape in zip(self.inputs, self.input_shapes, strict=True)
+        ]
+        vectors = {quantity.name: quantity.is_vector for quantity in self.job.quantities}
+        self.output_shapes = tuple((nodes, 3) if name == SHAPE else (3,) * vectors[name] for name in self.outputs)
+        self._guesses: tuple[Guess, ...] = ()
+        self._last: tuple[tuple[bytes, ...], Result] | None = None
+
+    def _error(self, text: str) -> JobError:
+        return JobError(f"{self.job.path or 'job'}: {text}")
+
+    def _check(self) -> None:
+        """Refuse unknown inputs and outputs, and numbers that cannot be set."""
+        known = {p.key for p in self.job.differentiated} | _arrays_of(self.job).keys()
+        for key in self.inputs:
+            if key not in known:
+                need = "an input is a number under 'sensitivities', or a quantity from a data array"
+                raise self._error(f"unknown input '{key}': {need}.{did_you_mean(key, known)}")
+        results = {SHAPE, *(quantity.name for quantity in self.job.quantities)}
+        for name in self.outputs:
+            if name not in results:
+                raise self._error(f"unknown output '{name}'.{did_you_mean(name, results)}")
+        for number in tied_parameters([*self._numbers.values()]):
+            if fault := fault_of_setting(number):
+                raise self._error(f"sensitivities: {fault}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free equations and factors."""
+        self._workspace.clear()
+        self._last = None
+
+    def evaluate(self, values: Sequence[Any]) -> list[Floats]:
+        """Return the outputs at values of the inputs: numbers in SI, arrays in the unit of the job's ``data``.
+
+        Raises:
+            JobError, MeshError, SolveError: on all ranks, for wrong shapes and values, or if there is no solution.
+        """
+        result = self._result(self._checked(values, self.input_shapes, self.inputs))
+        return [
+            result.shape_in_file if name == SHAPE else np.array(result.quantities[name], dtype=np.float64)
+            for name in self.outputs
+        ]
+
+    def gradient(self, values: Sequence[Any], weights: Sequence[Any]) -> list[Floats]:
+        """Return the gradient of ``Σ weight · output`` by each input, by one solve at the last values.
+
+        Raises:
+            JobError, MeshError, SolveError: as `evaluate`.
+        """
+        given = self._checked(weights, self.output_shapes, self.outputs)
+        result = self._result(self._checked(values, self.input_shapes, self.inputs))
+        covector = {name: weight for name, weight in zip(self.outputs, given, strict=True) if weight.any()}
+        gradient = result.vjp(covector, [key for key in self.inputs if key in self._arrays])
+        return [
+            np.array(gradient.numbers[key]) if key in self._numbers else self._factor(key) * gradient.fields[key]
+            for key in self.inputs
+        ]
+
+    def along(self, values: Sequence[Any], rates: Sequence[Any]) -> list[Floats]:
+        """Return the derivatives of the outputs along rates of the inputs, by one solve at the last values."""
+        given = self._checked(rates, self.input_shapes, self.inputs)
+        result = self._result(self._checked(values, self.input_shapes, self.inputs))
+        scaled = {
+            key: float(rate) if key in self._numbers else self._factor(key) * rate
+            for key, rate in zip(self.inputs, given, strict=True)
+        }
+        changes = result.jvp(scaled)
+        return [np.array(changes[name], dtype=np.float64) for name in self.outputs]
+
+    def _factor(self, key: str) -> float:
+        """Return the SI value of the unit of an array."""
+        return float(_fields_of(self.job)[key].factor)
+
+    def _checked(self, values: Sequence[Any], shapes: Sequence[tuple[int, ...]], names: Sequence[str]) -> list[Floats]:
+        if len(values) != len(names):
+            raise self._error(f"{len(names)} arrays are needed ({', '.join(names)}), not {len(values)}")
+        arrays = [np.array(value, dtype=np.float64) for value in values]
+        for name, array, shape in zip(names, arrays, shapes, strict=True):
+            if array.shape != shape:
+                raise self._error(f"'{name}' must have the shape {shape}, not {array.shape}")
+            if not np.isfinite(array).all():
+                raise self._error(f"'{name}' has values that are not finite")
+        return arrays
+
+    def _result(self, values: Sequence[Floats]) -> Result:
+        """Return the result at values of the inputs, the last one if these are its own."""
+        key = tuple(value.tobytes() for value in values)
+        if self._last is not None and self._last[0] == key:  # a gradient follows a value
+            return self._last[1]
+        given = dict(zip(self.inputs, values, strict=True))
+        numbers = [*self._numbers.values()]
+        job = self.job.with_(stated_values(numbers, [float(given[p.key]) for p in numbers]))
+        self._workspace.body(job)
+        for name, array in self._arrays.items():
+            self._workspace.put_array(array, given[name])
+        result = run(job, self._workspace.comm, workspace=self._workspace, guesses=self._guesses)
+        self._guesses = tuple(solution.as_guess() for solution in result.solutions)
+        self._last = key, result
+        return result
+
+
+def _fields_of(job: Job) -> dict[str, ByData]:
+    """Return the quantities of a job from data arrays, by their keys."""
+    return {
+        f"{where}.{name}": value
+        for where, owner in job.owners.items()
+        if isinstance(owner, Ingredient)
+        for name, (value, _) in owner.quantities().items()
+        if isinstance(value, ByData)
+    }
+
+
+def _arrays_of(job: Job) -> dict[str, str]:
+    """Return the names of data arrays by the keys of the quantities that have them."""
+    return {key: field.array for key, field in _fields_of(job).items()}
+
+
+def _plain(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape of an array in which numbers are not vectors of one component."""
+    return shape[:1] if shape[1:] == (1,) else shape

@@ -1,0 +1,160 @@
+"""Jobs as differentiable functions: of numbers and data arrays, in PyTorch and in JAX."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import ROOT, environment
+from helpers.moved_meshes import write_block
+from helpers.verification import job
+
+import hpcinv
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import HpcinvError, JobError
+from hpcinv.studies.learning.differentiable_job import DifferentiableJob
+
+LOAD = "effects[0].pressure"
+MODULI = "material.mu"
+
+
+def posed(comm: MPI.Intracomm, directory: Path, moduli: np.ndarray | None = None) -> hpcinv.Job:
+    """A block under pressure with a modulus (kPa) for each cell, by default 20."""
+    file = directory / "block.vtu"
+    _, middles = write_block(comm, file)
+    values = np.full(len(middles), 20.0) if moduli is None else moduli
+    write_block(comm, file, arrays={"mu": values})
+    return job(
+        analysis="inverse",
+        mesh={"file": str(file)},
+        material={"law": "neo-hookean", "mu": {"data": "mu", "unit": "kPa"}, "lam": "30 kPa"},
+        effects=[{"effect": "pressure", "region": "x1", "pressure": 900}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        discretisation={"displacement": 1, "formulation": "displacement"},
+        solver={"tolerance": 1e-13},
+        quantities=[{"name": "tip", "of": "displacement", "at": [2, 1, 1]}],
+        sensitivities=[LOAD],
+    )
+
+
+@pytest.mark.parallel([1, 2])
+def test_a_job_is_a_function_of_numbers_and_arrays(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """A job whose file has the arrays gives the same values; gradients are central differences."""
+    random = np.random.default_rng(5)
+    with DifferentiableJob(posed(comm, run_directory), [MODULI, LOAD], ["shape", "tip"], comm) as model:
+        assert [a.tolist() for a in model.start] == [[20.0] * 72, 900.0]
+        assert model.input_shapes == ((72,), ())
+        assert model.output_shapes == ((36, 3), (3,))
+        values = [random.uniform(15, 30, 72), np.array(700.0)]
+        weights = [random.normal(size=shape) for shape in model.output_shapes]
+        model.evaluate(model.start)
+        found = model.evaluate(values)
+
+        def total(*moved: Any) -> float:
+            return sum(float((w * out).sum()) for w, out in zip(weights, model.evaluate(moved), strict=True))
+
+        direction = [random.normal(size=72), np.array(40.0)]
+        step = 1e-4
+        ends = [total(*(v + s * step * d for v, d in zip(values, direction, strict=True))) for s in (1, -1)]
+        gradient = model.gradient(values, weights)
+        slope = sum(float((g * d).sum()) for g, d in zip(gradient, direction, strict=True))
+        assert slope == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6)
+        along = model.along(values, direction)
+        assert sum(float((w * a).sum()) for w, a in zip(weights, along, strict=True)) == pytest.approx(slope, rel=1e-9)
+    fresh = hpcinv.run(posed(comm, run_directory, values[0]).with_({LOAD: 700}), comm, progress=False)
+    np.testing.assert_allclose(found[0], fresh.shape_in_file, rtol=0, atol=1e-11)
+
+
+def test_wrong_inputs_are_one_message(comm: MPI.Intracomm, run_directory: Path) -> None:
+    block = posed(comm, run_directory)
+    with pytest.raises(JobError, match=r"unknown input 'material\.my': an input is a number under 'sensitivities', or"):
+        DifferentiableJob(block, ["material.my"], comm=comm)
+    with pytest.raises(JobError, match=r"unknown output 'top'\. Did you mean 'tip'\?"):
+        DifferentiableJob(block, [LOAD], ["top"], comm)
+    with DifferentiableJob(block, [MODULI, LOAD], ["tip"], comm) as model:
+        with pytest.raises(JobError, match=r"'material\.mu' must have the shape \(72,\), not \(3,\)"):
+            model.evaluate([np.ones(3), 900.0])
+        with pytest.raises(JobError, match=r"2 arrays are needed \(material\.mu, effects\[0\]\.pressure\), not 1"):
+            model.evaluate([np.full(72, 20.0)])
+        with pytest.raises(HpcinvError, match="the shear modulus must be positive, but is -1000"):
+            model.evaluate([np.full(72, -1.0), 900.0])
+        assert np.isfinite(model.evaluate(model.start)[0]).all()
+
+
+HEAD = """
+import sys
+import hpcinv.base.parallel.runtime as runtime
+sys.path += [{tests!r}, {tests!r} + "/system"]
+from pathlib import Path
+from test_learning import posed
+block = posed(runtime.MPI.COMM_WORLD, Path({directory!r}))
+"""
+PROGRAMS = {
+    "torch": """
+import torch
+from hpcinv.torch import function
+
+torch.set_default_dtype(torch.float64)
+solve = function(block, ["material.mu", "effects[0].pressure"], ["tip"])
+moduli = torch.linspace(15, 30, 72, requires_grad=True)
+load = torch.tensor(700.0, requires_grad=True)
+assert torch.autograd.gradcheck(lambda m, p: solve(m, 700 * p)[0], (moduli, load / 700), eps=1e-4, atol=1e-8)
+wanted = solve(torch.linspace(15, 30, 72), torch.tensor(700.0))[0].detach()
+guess = torch.full((72,), 20.0, requires_grad=True)
+optimiser = torch.optim.LBFGS([guess], max_iter=10, line_search_fn="strong_wolfe")
+
+def loss():
+    optimiser.zero_grad()
+    value = 1e6 * ((solve(guess, torch.tensor(700.0))[0] - wanted) ** 2).sum()
+    value.backward()
+    return value
+
+first = float(loss())
+optimiser.step(loss)
+assert float(loss()) < 1e-3 * first
+""",
+    "jax": """
+import jax
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp
+from hpcinv.jax import function
+
+solve = function(block, ["material.mu", "effects[0].pressure"], ["tip"])
+
+@jax.jit
+def total(moduli, load):
+    return 1e3 * jnp.sum(solve(moduli, load)[0] ** 2)
+
+moduli, load = jnp.linspace(15, 30, 72), 700.0
+gradient = jax.grad(total, argnums=(0, 1))(moduli, load)
+direction = jnp.sin(jnp.arange(72.0))
+for by, ends in (
+    (gradient[0] @ direction, [total(moduli + s * 1e-3 * direction, load) for s in (1, -1)]),
+    (gradient[1], [total(moduli, load + s * 1e-3) for s in (1, -1)]),
+):
+    slope = (ends[0] - ends[1]) / 2e-3
+    assert abs(by - slope) < 1e-5 * abs(slope), (by, slope)
+""",
+}
+PACKAGES = {"torch": "torch==2.15.0", "jax": "jax==0.12.0.1"}
+
+
+@pytest.mark.release
+@pytest.mark.parametrize("package", PROGRAMS)
+def test_gradients_in_other_packages(package: str, tmp_path: Path) -> None:
+    """With the real packages, which uv adds to this environment: 0.1 GB for JAX, 3 GB for PyTorch."""
+    program = tmp_path / "program.py"
+    head = HEAD.format(tests=str(ROOT / "tests"), directory=str(tmp_path))
+    program.write_text(head + PROGRAMS[package])
+    uv = os.environ.get("UV") or shutil.which("uv")
+    if not uv:
+        pytest.skip("needs uv")
+    command = [uv, "run", "--no-sync", "--with", PACKAGES[package], "python", str(program)]
+    settings = environment()
+    ended = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, timeout=3000, check=False)
+    assert ended.returncode == 0, ended.stderr[-3000:]
