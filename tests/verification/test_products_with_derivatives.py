@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.moved_meshes import write_block
+from helpers.sheets import flat, save_sheet
 from helpers.verification import box, job
 
 import hpcinv
@@ -226,3 +227,28 @@ def test_products_with_sensitivities_of_a_run(comm: MPI.Intracomm) -> None:
     along = result.jvp({"material.mu": 2.0})
     np.testing.assert_allclose(along["shape"], 2 * nodes, rtol=0, atol=1e-9 * np.abs(nodes).max())
     assert set(along) == {"shape", "tip"}
+
+
+@pytest.mark.parallel([1, 2])
+def test_numbers_of_a_shell(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """The thickness, too, which moves nodes: as under ``sensitivities``, which differences of runs confirm."""
+    path = run_directory / "sheet.msh"
+    if comm.rank == 0:
+        save_sheet(path, 3, 1, flat(1, 0.5))
+    comm.Barrier()
+    keys = ["material.mu", "effects[0].pressure", "mesh.shell.thickness"]
+    sheet = job(
+        analysis="inverse",
+        mesh={"file": str(path), "shell": {"thickness": 0.1}},
+        material={"law": "neo-hookean", "mu": 3e4, "lam": 1.2e5},
+        effects=[{"effect": "pressure", "region": "inner", "pressure": 30}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        quantities=[{"name": "tip", "of": "displacement", "at": [1, 0.25, 0]}],
+        sensitivities=keys,
+        certificate="off",
+    )
+    result = hpcinv.run(sheet, comm, progress=False)
+    assert result.sensitivities is not None
+    weights = np.array([0.3, -0.2, 1.0])
+    slopes = {key: float(weights @ result.sensitivities.slopes["tip"][key]) for key in keys}
+    assert result.vjp({"tip": weights}).numbers == pytest.approx(slopes, rel=1e-7)
