@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,7 @@ def test_gradients_in_other_packages(package: str, tmp_path: Path) -> None:
     if not uv:
         pytest.skip("needs uv")
     command = [uv, "run", "--no-sync", "--with", PACKAGES[package], "python", str(program)]
-    settings = environment()
+    # The environment of uv lies over this one, whose libraries of MPI are found by their place.
+    settings = environment() | {"LD_LIBRARY_PATH": str(Path(sys.prefix) / "lib")}
     ended = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, timeout=3000, check=False)
     assert ended.returncode == 0, ended.stderr[-3000:]
