@@ -29,8 +29,8 @@ READERS = {
 NAMES = {*OF_A_PATH, *(reader.rpartition(".")[2] for reader in READERS)}
 LIBRARIES = {
     *("SimpleITK", "adios2", "adios4dolfinx", "gmsh", "h5py", "openpyxl", "pydicom", "pyvista", "vtk", "vtkmodules"),
-    *("basix", "cffi", "dolfinx", "emcee", "ffcx", "jinja2", "lib3mf", "manifold3d", "markupsafe", "matplotlib"),
-    *("mpi4py", "numpy", "petsc4py", "pxr", "pydantic", "pydantic_core", "rich", "scipy", "ufl", "yaml"),
+    *("basix", "cffi", "dolfinx", "emcee", "ffcx", "jax", "jinja2", "lib3mf", "manifold3d", "markupsafe", "matplotlib"),
+    *("mpi4py", "numpy", "petsc4py", "pxr", "pydantic", "pydantic_core", "rich", "scipy", "torch", "ufl", "yaml"),
 }
 """packages in use: the readers of the first line and of NumPy are among `READERS`, the others open no file of a user"""
 OTHER_READERS = {
