@@ -253,6 +253,13 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
             + 40 / 2 * mp.ln(s.J) ** 2
         ),
     ),
+    "febio orthotropic elastic": (  # v31 / E3 = v13 / E1
+        febio,
+        """<material id="1" type="orthotropic elastic"><E1>10</E1><E2>5</E2><E3>4</E3><v12>0.3</v12><v23>0.1</v23>
+        <v31>0.08</v31><G12>3</G12><G23>1</G23><G31>2</G31>
+        <mat_axis type="vector"><a>0.6,0.8,0</a><d>-0.8,0.6,0</d></mat_axis></material>""",
+        lambda s: quadratic(s, COMPLIANCE**-1, (3, 2, 1)),
+    ),
     "febio solid mixture": (  # FEFiberExpPow, FEFiberPowLinear
         febio,
         f"""<material id="1" type="solid mixture"><solid type="neo-Hookean"><E>2.6</E><v>0.3</v></solid>

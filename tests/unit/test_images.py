@@ -144,6 +144,16 @@ def test_sizes_are_chosen_without_too_many_cells() -> None:
     assert ball.interpolate(np.zeros((2, 3))).tolist() == [4.0, 4.0]
 
 
+def test_a_large_image_has_samples_that_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    shell = np.pad(np.linalg.norm(grid(), axis=-1) < 10.5, 3).astype(np.int64)
+    whole = wall_sizes(shell, np.ones(3), 1, 2.5, None)
+    monkeypatch.setattr("hpcinv.geometry.imaging.wall_sizes._MOST_SAMPLES", 500)
+    some = wall_sizes(shell, np.ones(3), 1, 2.5, None)
+    assert len(some.points) == 500 < len(whole.points) / 2
+    assert some.floor == pytest.approx(whole.floor, rel=0.1)
+    assert np.median(some.thickness) == pytest.approx(np.median(whole.thickness), rel=0.1)
+
+
 @pytest.mark.release
 def test_labels_that_touch_share_their_facets(tmp_path: Path) -> None:
     """A core in a ball, both cut by the image's border."""

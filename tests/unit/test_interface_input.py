@@ -92,5 +92,7 @@ def test_bodies_in_contact_must_not_overlap_at_first() -> None:
 
 
 def test_closures_that_fit_friction_are_named() -> None:
-    with pytest.raises(JobError, match=r"closure: is missing.* assume 'coulomb', 'stick' or 'touching'"):
+    with pytest.raises(
+        JobError, match=r"closure: is missing.* assume 'coulomb', 'least-energy', 'stick' or 'touching'"
+    ):
         two_blocks(["bottom", "top"], interfaces=[{"between": ["bottom", "top"], "kind": "contact", "friction": 0.2}])

@@ -15,6 +15,7 @@ from helpers.schemas import refusals
 import hpcinv as package
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
+from hpcinv.geometry.vessels.flat_ends import without_caps
 from hpcinv.job.sections import MeshSpec
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
@@ -77,6 +78,13 @@ def area(corners: Floats) -> float:
 def volume(source: MeshSource) -> float:
     a, b, c, d = (source.points[source.cells[:, i]] * 1e3 for i in range(4))
     return float(np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)).sum() / 6)
+
+
+def test_a_surface_of_flat_parts_alone_has_no_caps() -> None:
+    box, ball = pyvista.Cube().triangulate().clean(), pyvista.Sphere()
+    assert without_caps(box).n_cells == box.n_cells == 12
+    assert without_caps(ball).n_cells == ball.n_cells
+    assert without_caps(pyvista.Cylinder(resolution=40).triangulate().clean()).n_cells == 80
 
 
 def test_a_tube_has_its_wall_and_flat_ends(lumens: Path) -> None:
