@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
+from weakref import ref
 
 from hpcinv.base.files.untrusted import applied_to
 from hpcinv.base.parallel.runtime import MPI
@@ -104,7 +105,7 @@ def run(
                 estimate,
                 joined_sensitivities(solved.slopes, prepared.job.quantities),
                 spread,
-                equations=tuple(prepared.equations),
+                equations=ref(prepared.equations[0]),
             )
         )
         return outputs.report.with_second_opinion(result) if job.second_opinion else result

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
+from weakref import ReferenceType
 
 from hpcinv.base.parallel.runtime import on_root
+from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import whole_in_source_order
@@ -68,7 +70,7 @@ class Result:
         directory: of the run, ``None`` if nothing was written.
         accuracy: record of the search for the accuracy that the job demands, if any.
         totals: size, volume, mass and load of the meshed part.
-        equations: of each solution, for `vjp` and `jvp`.
+        equations: of the first solution; kept alive by a `Workspace` only, since they hold forms and communicators.
     """
 
     job: Job
@@ -84,7 +86,7 @@ class Result:
     directory: Path | None = None
     accuracy: AccuracyRecord | None = None
     totals: Totals | None = None
-    equations: Sequence[Equations] = ()
+    equations: ReferenceType[Equations] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "quantities", Quantities(self.quantities, self._units()))
@@ -132,7 +134,7 @@ class Result:
             SolveError: on all ranks, if the tangent at the solution is singular.
         """
         made: Gradient = on_demand("products with derivatives")(
-            self.equations, self.solutions, self.job, covector, fields, nodes=nodes
+            self._own_equations(), self.solutions[0], self.job, covector, fields, nodes=nodes
         )
         return made
 
@@ -150,9 +152,14 @@ class Result:
             JobError, SolveError: as `vjp`.
         """
         made: dict[str, Any] = on_demand("products with directions")(
-            self.equations, self.solutions, self.job, direction
+            self._own_equations(), self.solutions[0], self.job, direction
         )
         return made
+
+    def _own_equations(self) -> Equations:
+        """Equations that a workspace has kept, or new ones."""
+        kept = self.equations() if self.equations else None
+        return kept or Equations(self.solutions[0].job, self.body, Timings())
 
     @property
     def shape_in_file(self) -> Floats:

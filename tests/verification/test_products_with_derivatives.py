@@ -252,3 +252,19 @@ def test_numbers_of_a_shell(comm: MPI.Intracomm, run_directory: Path) -> None:
     weights = np.array([0.3, -0.2, 1.0])
     slopes = {key: float(weights @ result.sensitivities.slopes["tip"][key]) for key in keys}
     assert result.vjp({"tip": weights}).numbers == pytest.approx(slopes, rel=1e-7)
+
+
+def test_a_result_has_its_own_numbers_in_a_workspace_of_later_runs(comm: MPI.Intracomm) -> None:
+    with Workspace(comm) as workspace:
+        first = hpcinv.run(small(), comm, workspace=workspace, progress=False)
+        expected = first.vjp({"tip": 1.0}, ["material.mu"], nodes=True)
+        stiffer = small(material={"law": "neo-hookean", "mu": 4e4, "poisson": 0.3})
+        hpcinv.run(stiffer, comm, workspace=workspace, progress=False)
+        again = first.vjp({"tip": 1.0}, ["material.mu"], nodes=True)
+    alone = first.vjp({"tip": 1.0}, ["material.mu"], nodes=True)
+    for found in (again, alone):
+        for given, value in (
+            (expected.fields["material.mu"], found.fields["material.mu"]),
+            (expected.nodes, found.nodes),
+        ):
+            np.testing.assert_allclose(value, given, rtol=0, atol=1e-10 * np.abs(given).max())

@@ -32,8 +32,8 @@ from hpcinv.trust.sensitivity.variations import Variations, action
 
 
 def vjp(
-    equations: Sequence[Equations],
-    solutions: Sequence[Solution],
+    equations: Equations,
+    solution: Solution,
     job: Job,
     covector: Mapping[str, Any],
     fields: Iterable[str] = (),
@@ -51,7 +51,7 @@ def vjp(
         JobError: on all ranks: unknown names, wrong shapes, or what has no adjoint derivative.
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    return _Adjoint(equations[0], solutions[0], job, "vjp").gradient(covector, list(fields), nodes=nodes)
+    return _Adjoint(equations, solution, job, "vjp").gradient(covector, list(fields), nodes=nodes)
 
 
 class _Adjoint(Linearised):

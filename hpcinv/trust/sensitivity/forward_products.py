@@ -6,7 +6,7 @@ A direction dθ of numbers, fields, and nodes of the given body gives ``K du = -
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,7 @@ from hpcinv.trust.sensitivity.quantity_covectors import is_at_points
 from hpcinv.trust.sensitivity.variations import Variations
 
 
-def jvp(
-    equations: Sequence[Equations], solutions: Sequence[Solution], job: Job, direction: Mapping[str, Any]
-) -> dict[str, Any]:
+def jvp(equations: Equations, solution: Solution, job: Job, direction: Mapping[str, Any]) -> dict[str, Any]:
     """Return the derivatives of the shape and of the quantities along a direction, by one solve; collective.
 
     Args:
@@ -43,7 +41,7 @@ def jvp(
     Raises:
         JobError, SolveError: as `vjp`.
     """
-    return _Along(equations[0], solutions[0], job, "jvp").along(direction)
+    return _Along(equations, solution, job, "jvp").along(direction)
 
 
 class _Along(Linearised):
