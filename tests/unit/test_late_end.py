@@ -100,3 +100,22 @@ def test_a_signal_does_not_end_a_call_of_a_library_of_the_next_command(
     with signals.ended_by_signals():
         time.sleep(0.3 + WAIT)
     assert ended == []
+
+
+@pytest.mark.usefixtures("handlers_of_signals")
+def test_a_signal_to_a_command_does_not_end_what_its_program_does_afterwards(
+    receive: Callable[[signal.Signals], None],
+) -> None:
+    """The command ran in the process of a program, which makes a mesh later."""
+
+    def end() -> NoReturn:
+        raise RuntimeError("ended")
+
+    stop = signals.StopRequest()
+    stop.set_end_in_library(end)
+    stop._note(signal.SIGTERM, None)
+    with pytest.raises(RuntimeError, match="ended"), signals.ended_by_signals():
+        pass
+    stop.ignore()
+    with signals.ended_by_signals():
+        pass

@@ -50,9 +50,17 @@ class StopRequest:
             _stop_requests[:] = [self]
 
     def ignore(self) -> None:
-        """Ignore the signals: the run is over, and a late signal could end the process during the exit of Python."""
+        """Ignore the signals: the run is over, and a late signal could end the process during the exit of Python.
+
+        What the program does next in a library, it does for itself: an earlier signal does not end that either.
+        """
+        global _end
         for number in ASK_TO_STOP:
             signal.signal(number, signal.SIG_IGN)
+        with _noting:
+            if self in _stop_requests:
+                _stop_requests.clear()
+                _end = None
 
     def __call__(self) -> bool:
         """Return whether a signal has arrived."""
