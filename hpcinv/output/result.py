@@ -121,7 +121,7 @@ class Result:
         """Return the gradient of ``Σ weight · result``, by one solve with the transposed tangent; collective.
 
         It is by all numbers under ``sensitivities``, by fields, and by the nodes of the given body. If the run had a
-        `Workspace` that still exists, its factors are used; else the tangent is factorized once.
+        `Workspace` that still exists, its factors are used; else each call makes equations and factorizes the tangent.
 
         Args:
             covector: weights by the name of a quantity, or ``shape``, (nodes, 3) in the order of `shape_in_file`.

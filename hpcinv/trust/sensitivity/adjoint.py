@@ -18,11 +18,12 @@ from petsc4py import PETSc
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.job.job import Job
-from hpcinv.job.sections import Shell, Support
+from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter, tied_parameters
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.sensitivity.analysis import moves_nodes
 from hpcinv.trust.sensitivity.field_parameters import FieldParameter
 from hpcinv.trust.sensitivity.linear_products import solve
 from hpcinv.trust.sensitivity.linearised import SHAPE, Linearised
@@ -164,7 +165,7 @@ class _Adjoint(Linearised):
         nodes: bool,
     ) -> Gradient:
         numbers = tied_parameters(self._parameters)
-        if nodes or any(isinstance(p.owner, Shell) for p in numbers):
+        if nodes or any(moves_nodes(p, self._job) for p in numbers):
             for weight, form in forms:
                 by_motion = weight / self._length * form.by_nodes()
                 by_mesh = by_mesh + self.maps.nodal(form.motion.function_space, by_motion)
@@ -186,6 +187,6 @@ class _Adjoint(Linearised):
         """Return the derivative by a number of a support or of the mesh; 0 for others."""
         if isinstance(parameter.owner, Support):
             return self._supports.by_number(parameter, by_held)
-        if isinstance(parameter.owner, Shell):
-            return float((by_mesh * self.maps.gathered(self._node_rates(parameter))).sum())
+        if moves_nodes(parameter, self._job):
+            return float((by_mesh * self._node_rates(parameter)).sum())
         return 0.0

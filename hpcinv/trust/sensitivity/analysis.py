@@ -268,9 +268,13 @@ def _largest(comm: MPI.Intracomm, values: Floats, points: Floats) -> tuple[float
     return max(entry for entry in everywhere if entry is not None)
 
 
+def moves_nodes(parameter: Parameter, job: Job) -> bool:
+    """Return whether a number moves the nodes of the given body, as the thickness of a shell does."""
+    return parameter.owner in job.mesh.sections_of_kind.values()
+
+
 def node_rates(job: Job, body: Body, parameters: Iterable[Parameter]) -> dict[str, Floats]:
     """Return derivatives (n, 3) of the local geometry nodes by those parameters that move them, by key; collective."""
-    source, sections = body.source, [*job.mesh.sections_of_kind.values()]
-    moving = [p for p in parameters if p.owner in sections]
-    kind = source_of(source.body_kind)
+    source = body.source
+    kind, moving = source_of(source.body_kind), [p for p in parameters if moves_nodes(p, job)]
     return {p.key: local_node_values(body, kind.node_rates(source, p.place, p.value)) for p in moving}

@@ -16,11 +16,12 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.job.job import Job
-from hpcinv.job.sections import Shell, Support
+from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.trust.sensitivity.analysis import moves_nodes
 from hpcinv.trust.sensitivity.field_parameters import FieldParameter
 from hpcinv.trust.sensitivity.linear_products import solve
 from hpcinv.trust.sensitivity.linearised import NODES, SHAPE, Linearised
@@ -84,8 +85,8 @@ class _Along(Linearised):
             for parameter, rate in self._numbers_of(key, given):
                 if isinstance(parameter.owner, Support):
                     held += rate * self._supports.rates(parameter)
-                elif isinstance(parameter.owner, Shell):
-                    moved += rate * self.maps.gathered(self._node_rates(parameter))
+                elif moves_nodes(parameter, self._job):
+                    moved += rate * self._node_rates(parameter)
         for field, values in self._fields_of(direction):
             forces += field.along(self._residual, values)
         if moved.any():

@@ -9,13 +9,14 @@ import numpy as np
 
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest, Shell
+from hpcinv.job.kind_rules import KIND_RULES
+from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
-from hpcinv.trust.sensitivity.analysis import node_rates
+from hpcinv.trust.sensitivity.analysis import moves_nodes, node_rates
 from hpcinv.trust.sensitivity.field_parameters import FieldParameter, field_parameter
 from hpcinv.trust.sensitivity.point_maps import PointMaps
 from hpcinv.trust.sensitivity.quantity_covectors import PointSlopes, point_slopes, refusal_of
@@ -50,7 +51,7 @@ class Linearised:
         self._unknowns, self._length = equations.unknowns, equations.scales.length
         self.maps: PointMaps = self._kept("maps", lambda: PointMaps(equations.body, equations.unknowns))
         self._comm = self.maps.comm
-        self._parameters = [p for p in job.differentiated if p.where in job.owners or isinstance(p.owner, Shell)]
+        self._parameters = [p for p in job.differentiated if p.where in job.owners or moves_nodes(p, job)]
         self._quantities = {q.name: q for q in job.quantities}
 
     def _kept(self, name: str, make: Any) -> Any:
@@ -110,9 +111,9 @@ class Linearised:
         return SupportRates(self._equations, self._solution)
 
     def _node_rates(self, parameter: Parameter) -> Floats:
-        """Return rates (n, 3) of the local nodes of the mesh by a number of a shell."""
+        """Return rates (N, 3) of the nodes of the mesh by a number that moves them; collective."""
         rates = node_rates(self._job, self._equations.body, [parameter])[parameter.key]
-        return self.maps.source_positions(rates)
+        return self.maps.gathered(self.maps.source_positions(rates))
 
     def _field(self, key: str) -> FieldParameter:
         found = field_parameter(key, self._equations, self._weak_form, self.maps)
@@ -124,8 +125,8 @@ class Linearised:
         return FieldParameter.of_number(parameter, self._equations, self._weak_form, self.maps)
 
     def _fault_of_nodes(self) -> str:
-        if self._equations.body.source.body_kind == "shell":
-            return "derivatives by the nodes of a shell are not supported"
+        if reason := KIND_RULES[self._job.mesh.kind.name].no_node_derivatives:
+            return reason
         if self._equations.supports.slides:
             return "derivatives by nodes are not supported with supports that slide: hold axes ('fix: [x]') instead"
         if any(family.rule is not None for family in self._job.fibres.values() if hasattr(family, "rule")):
