@@ -12,6 +12,7 @@ import io
 import os
 import sys
 import time
+from contextlib import AbstractContextManager
 
 from hpcinv.base.parallel.early_exit import refuse_exit_without_end
 from hpcinv.base.parallel.home import require_working_directory
@@ -86,11 +87,16 @@ def main(arguments: list[str] | None = None) -> int:
     if arguments is None:
         refuse_exit_without_end()
     end_if_noted()
+    return _run(options, typed, asked_for(options))
+
+
+def _run(options: argparse.Namespace, typed: list[str], untrusted: AbstractContextManager[None]) -> int:
+    """Run the command of the options; return its exit code, also of an error, which is printed."""
     try:
         require_working_directory()
         if typed[0] != "validate":  # which reports each of its files
             _require_text(typed)
-        with imports_explained(), asked_for(options):
+        with imports_explained(), untrusted:
             code: int = options.command(options)
         if sys.stdout:  # code of the job may have removed it
             sys.stdout.flush()

@@ -79,14 +79,15 @@ class ShellRules(KindRules):
         if not any(number.key == key for parameter in job.differentiated for number in (parameter, *parameter.ties)):
             return
         supports = [*job.supports, *(support for state in job.states for support in state.supports or ())]
-        for support in supports:
-            formulas = [formula for formula in support.displacement or () if formula is not None]
-            if (support.motion is not None and support.motion.rotate) or any(
-                formula.names & {"x", "y", "z"} for formula in formulas
-            ):
-                text = f"there is no derivative by {key} where '{support.region}' is moved by a formula of the place"
-                yield (), f"{text} or a rotation"
-                return
+        if moved := next(filter(_is_moved_by_place, supports), None):
+            text = f"there is no derivative by {key} where '{moved.region}' is moved by a formula of the place"
+            yield (), f"{text} or a rotation"
+
+
+def _is_moved_by_place(support: Any) -> bool:
+    formulas = [formula for formula in support.displacement or () if formula is not None]
+    rotates = support.motion is not None and bool(support.motion.rotate)
+    return rotates or any(formula.names & {"x", "y", "z"} for formula in formulas)
 
 
 KIND_RULES: Mapping[str, KindRules] = {SOLID.name: KindRules(), SHELL.name: ShellRules()}

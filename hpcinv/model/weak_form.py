@@ -126,26 +126,17 @@ class WeakForm:
             kin.data_state = OtherState(kin, given_u)
         may_grow = kin.sign > 0 and any(effect.presses_at_any_load for effect in job.effects)
         self.parameters = par = Parameters(_ingredients(job), kin, fields, scales, job.case_count, may_grow=may_grow)
-        count, degree = len(job.laws), job.discretisation.displacement
+        count = len(job.laws)
         effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
-        modulus = _modulus(job, fields, scales)
-        obstacles = paired_obstacles(named, fields.body, job.resolve)
-        pairs = (
-            on_demand("interfaces")(
-                job.interfaces, obstacles, fields.body, unknowns, kin.sign, (modulus, scales.stress)
-            )
-            if job.interfaces or obstacles
-            else ()
-        )
-        self.contacts = Contacts(named, kin, fields.body, job.resolve, degree, modulus, pairs)
+        self.contacts = _contacts(job, named, fields, unknowns, kin, scales)
         directions = {
             name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
             for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
         }
         self.H = H = Variable(kin.H, LABEL)
         source = fields.body.source
-        is_one_layer = source_of(source.body_kind).corrects_shear(source, degree)
+        is_one_layer = source_of(source.body_kind).corrects_shear(source, job.discretisation.displacement)
         total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
         strains = [*_strains(effect_data, total, kin.data_state)]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
@@ -332,6 +323,18 @@ def _part(
 def _modulus(job: Job, fields: BodyFields, scales: Scales) -> float:
     """Return a typical shear modulus of the body, scaled."""
     return shear_modulus(job, fields) / scales.stress
+
+
+def _contacts(
+    job: Job, named: tuple[Any, ...], fields: BodyFields, unknowns: Unknowns, kin: Kinematics, scales: Scales
+) -> Contacts:
+    """Return the contacts of a job, of which ``named`` effects with obstacles are some."""
+    modulus, body = _modulus(job, fields, scales), fields.body
+    obstacles, pairs = paired_obstacles(named, body, job.resolve), ()
+    if job.interfaces or obstacles:
+        pair = on_demand("interfaces")
+        pairs = pair(job.interfaces, obstacles, body, unknowns, kin.sign, (modulus, scales.stress))
+    return Contacts(named, kin, body, job.resolve, job.discretisation.displacement, modulus, pairs)
 
 
 def _ingredients(job: Job) -> list[tuple[str, Ingredient]]:

@@ -99,28 +99,7 @@ class Equations(DiscreteModel):
 
     def equilibrium(self, weak_form: WeakForm, observer: Observer = SILENT) -> Equilibrium:
         """Return the equations of a weak form with the solver of the job."""
-        equilibrium = self._idle.pop(id(weak_form), None)
-        if equilibrium is None:
-            solver = self.job.solver
-            like = next((idle.system for idle in self._idle.values()), None)
-            with self._naming_job():
-                if self.job.interfaces and not weak_form.contacts.pins:
-                    pins = on_demand("pins of free parts")(self.job, self.body, self.supports, weak_form)
-                    weak_form.contacts.pins = tuple(pins)
-                system = System(weak_form, self.supports, self.timings, like)
-            with self.timings("set-up"):
-                self.chooser.analyse(solver, self.unknowns)
-            linear = LinearSolver(
-                system, solver.petsc, self.chooser.choose(solver), f"{self.job.path or UNNAMED}: solver.petsc"
-            )
-            equilibrium = Equilibrium(
-                system,
-                linear,
-                Predictor(system, linear),
-                limit=solver.maximum_iterations,
-                # Kept tangents would lose the pressure that friction needs.
-                reuse=0.0 if weak_form.contacts.depends_on_path or not solver.reuse_tangent else 0.3,
-            )
+        equilibrium = self._idle.pop(id(weak_form), None) or self._new_equilibrium(weak_form)
         for pins in weak_form.contacts.pins:
             pins.begin()
         equilibrium.linear.options.restore()
@@ -133,6 +112,27 @@ class Equations(DiscreteModel):
                 equilibrium.destroy()
                 raise
         return equilibrium
+
+    def _new_equilibrium(self, weak_form: WeakForm) -> Equilibrium:
+        solver = self.job.solver
+        like = next((idle.system for idle in self._idle.values()), None)
+        with self._naming_job():
+            if self.job.interfaces and not weak_form.contacts.pins:
+                pins = on_demand("pins of free parts")(self.job, self.body, self.supports, weak_form)
+                weak_form.contacts.pins = tuple(pins)
+            system = System(weak_form, self.supports, self.timings, like)
+        with self.timings("set-up"):
+            self.chooser.analyse(solver, self.unknowns)
+        options_of = f"{self.job.path or UNNAMED}: solver.petsc"
+        linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver), options_of)
+        return Equilibrium(
+            system,
+            linear,
+            Predictor(system, linear),
+            limit=solver.maximum_iterations,
+            # Kept tangents would lose the pressure that friction needs.
+            reuse=0.0 if weak_form.contacts.depends_on_path or not solver.reuse_tangent else 0.3,
+        )
 
     def release(self, equilibrium: Equilibrium) -> None:
         """Keep a solver for the next use, or destroy it if its weak form is not kept.

@@ -240,14 +240,11 @@ class Equilibrium:
             linear.forget_factors()
             outcome = linear.failure
         system.set_state(x)
-        if outcome.accepted:
-            outcome = system.fault_of_solution() or outcome
-        if outcome.accepted and system.weak_form.passages.has_passed():
-            outcome = Outcome.PASSED_THROUGH
+        outcome = self._checked(outcome)
         if outcome.accepted:
             system.weak_form.passages.depart()
             system.end_contact_step(now.load)
-        if not outcome.accepted:
+        else:
             system.set_state(accepted)
             numbers.restore(kept_numbers)
             numbers.put(load)
@@ -256,6 +253,14 @@ class Equilibrium:
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
         return Solve(now.load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def _checked(self, outcome: Outcome) -> Outcome:
+        """Return the outcome of a solve, whose present state may not be one of the body."""
+        if outcome.accepted:
+            outcome = self.system.fault_of_solution() or outcome
+        if outcome.accepted and self.system.weak_form.passages.has_passed():
+            return Outcome.PASSED_THROUGH
+        return outcome
 
     def _passed_through(self, load: float, predicted: Prediction | None, numbers: BorderedSolver) -> Solve:
         """Return the report of a solve that an obstacle prevents, in the state before its prediction."""

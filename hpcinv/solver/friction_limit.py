@@ -28,10 +28,8 @@ def friction_limit(job: Job, system: System, load: float, scales: Scales) -> lis
     Args:
         load: load factor of the resultant.
     """
-    contacts = [effect for effect in job.effects if isinstance(effect, Contact)]
-    is_free = not job.supports and not job.interfaces and bool(contacts)
-    is_rough = any(contact.friction for contact in contacts) and all(contact.is_paired for contact in contacts)
-    if system.weak_form.kinematics.sign < 0 or not is_free or not is_rough:
+    contacts = _only_contacts(job)
+    if not contacts or system.weak_form.kinematics.sign < 0:
         return []
     planes = [contact.obstacle for contact in contacts if isinstance(contact.obstacle, Plane)]
     normals = np.array([np.array(plane.normal) / np.linalg.norm(plane.normal) for plane in planes])
@@ -52,6 +50,13 @@ def friction_limit(job: Job, system: System, load: float, scales: Scales) -> lis
         if pressing > 0
         else "Hold it by a support",
     ]
+
+
+def _only_contacts(job: Job) -> list[Contact]:
+    """Return the contacts with obstacles, of which some have friction, if nothing else holds the body."""
+    contacts = [effect for effect in job.effects if isinstance(effect, Contact)]
+    is_free = not job.supports and not job.interfaces and all(contact.is_paired for contact in contacts)
+    return contacts if is_free and any(contact.friction for contact in contacts) else []
 
 
 def _dead_resultant(system: System, load: float) -> Floats | None:

@@ -377,29 +377,11 @@ class SeriesContinuation:
             wanted: error there at which its orders end.
             are_near: whether the present factors belong to a tangent near the assembled one.
         """
-        system, linear, taylor = self._system, self._linear, self._taylor
+        system, taylor = self._system, self._taylor
         step = system.state.copy()  # with ghosts
         b, x = system.rhs, system.rhs.duplicate()
-        with system.timings("residual"):
-            taylor.begin(_ORDERS, load)
-        are_near = are_near and linear.has_factors
-        if not are_near:
-            linear.factorize()
-        self._are_near = are_near
-        self._is_refined = linear.has_factors and (are_near or not linear.configuration.exact)
-        self._contraction = 1.0
-        if taylor.orders < _ORDERS:
-            self._equilibrium.observer.failing([_memory_line(taylor)])
-        with system.timings("residual"):
-            taylor.put(1, None, 1.0)
-            taylor.assemble(1, b)
-        b.scale(-1.0)
-        self._lift(b, load)
-        if failure := self._fault(b, x):
+        if failure := self._first_order(load, b, x, are_near=are_near):
             return failure
-        if self._are_near and self._is_factorization_cheaper(taylor.orders):
-            linear.factorize()
-            self._are_near, self._is_refined = False, not linear.configuration.exact
         t = x.array.copy()
         size = norm(x)
         # It shrinks where the body stiffens, and never grows: at a limit point the range would vanish.
@@ -428,6 +410,30 @@ class SeriesContinuation:
             self._put(k, step, state, load_rate)
         x.destroy()
         return series
+
+    def _first_order(self, load: float, b: PETSc.Vec, x: PETSc.Vec, *, are_near: bool) -> Outcome | None:
+        """Factorize where that is needed, and solve for the first order ``x``; return the reason why that failed."""
+        linear, taylor, timings = self._linear, self._taylor, self._system.timings
+        with timings("residual"):
+            taylor.begin(_ORDERS, load)
+        self._are_near = are_near and linear.has_factors
+        if not self._are_near:
+            linear.factorize()
+        self._is_refined = linear.has_factors and (self._are_near or not linear.configuration.exact)
+        self._contraction = 1.0
+        if taylor.orders < _ORDERS:
+            self._equilibrium.observer.failing([_memory_line(taylor)])
+        with timings("residual"):
+            taylor.put(1, None, 1.0)
+            taylor.assemble(1, b)
+        b.scale(-1.0)
+        self._lift(b, load)
+        if failure := self._fault(b, x):
+            return failure
+        if self._are_near and self._is_factorization_cheaper(taylor.orders):
+            linear.factorize()
+            self._are_near, self._is_refined = False, not linear.configuration.exact
+        return None
 
     def _fault(self, b: PETSc.Vec, x: PETSc.Vec) -> Outcome | None:
         """Solve for the next order ``x``; return the reason why that failed."""

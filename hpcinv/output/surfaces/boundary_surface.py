@@ -130,6 +130,22 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     write_output(path, stream.getvalue(), "Is there space left?")
 
 
+def _taken(arrays: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """Remove the arrays whose names have a prefix; return them by the rest of their names."""
+    return {key.removeprefix(prefix): arrays.pop(key) for key in list(arrays) if key.startswith(prefix)}
+
+
+def _results_in(arrays: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the arguments of each `BoundaryResult` of arrays ``NUMBER:NAME``."""
+    results: dict[str, dict[str, Any]] = {}
+    for key, value in arrays.items():
+        number, name = key.split(":", 1)
+        results.setdefault(number, {})[name] = value if value.ndim else str(value)
+    for result in results.values():
+        result["fibres"] = _taken(result, _FIBRES)
+    return [*results.values()]
+
+
 def read_boundary(path: Path) -> Boundary:
     """Read what `write_boundary` wrote.
 
@@ -139,23 +155,11 @@ def read_boundary(path: Path) -> Boundary:
     try:
         with np.load(admitted(path)) as stored:
             arrays = dict(stored)
-        results: dict[str, dict[str, Any]] = {}
-        regions, directions = {}, {}
-        for key in list(arrays):
-            if key.startswith(_REGION):
-                regions[key.removeprefix(_REGION)] = arrays.pop(key)
-            elif key.startswith(_FIBRES):
-                directions[key.removeprefix(_FIBRES)] = arrays.pop(key)
-            elif key.startswith(_RESULT):
-                _, number, name = key.split(":", 2)
-                value, result = arrays.pop(key), results.setdefault(number, {"fibres": {}})
-                if name.startswith(_FIBRES):
-                    result["fibres"][name.removeprefix(_FIBRES)] = value
-                else:
-                    result[name] = value if value.ndim else str(value)
-        for kind, given in ((Boundary, arrays), *((BoundaryResult, result) for result in results.values())):
+        regions, directions = _taken(arrays, _REGION), _taken(arrays, _FIBRES)
+        results = _results_in(_taken(arrays, _RESULT))
+        for kind, given in ((Boundary, arrays), *((BoundaryResult, result) for result in results)):
             _check_arrays(path, kind, given.keys())
-        each = tuple(BoundaryResult(**result) for result in results.values())
+        each = tuple(BoundaryResult(**result) for result in results)
         arrays["body_kind"] = KINDS[str(arrays.get("body_kind", SOLID.name))].name
         boundary = Boundary(regions=regions, results=each, fibres=directions, **arrays)
     except FileNotFoundError:

@@ -66,35 +66,50 @@ def boundary_of(
     if given is None or rest is None:
         return None
     cut = cut_of(given)
-    meshes = [cut.points, *[cut_of(rest).points] * (len(solutions) - 1)]  # further states are solved from one shape
     columns = np.split(given.values[cut.facet], np.cumsum([*widths.values()])[:-1], axis=1)
-    values_by_name = dict(zip(widths, columns, strict=True)) if widths else {}
-    results = []
-    for i, (mesh, solution, surface) in enumerate(zip(meshes[: len(solutions)], solutions, others, strict=True)):
-        assert surface is not None  # on rank 0
-        crossed = find_overlap(surface).facets if solution.state in overlapping else ()
-        J, stress, stretches = (values_by_name[f"{field} {i}"] for field in ("J", "stress", "stretches"))
-        results.append(
-            BoundaryResult(
-                solution.state,
-                solution.direction,
-                mesh,
-                cut_of(surface).points,
-                J=J[:, 0],
-                stress=stress,
-                stretches=stretches,
-                crossing=np.isin(cut.facet, list(crossed)),
-                fibres={name: values_by_name[f"fibre {i}:{name}"] for name in families},
-            )
-        )
+    values = dict(zip(widths, columns, strict=True)) if widths else {}
+    shapes = zip(solutions, (surface for surface in others if surface is not None), strict=True)
+    results = tuple(
+        # Further states are solved from one shape.
+        _result(cut_of(rest) if i else cut, surface, solution, values, i, families, solution.state in overlapping)
+        for i, (solution, surface) in enumerate(shapes)
+    )
     return Boundary(
         points=cut.points,
         triangles=cut.corners,
-        regions={name: values_by_name[f"region:{name}"][:, 0] > 0 for name in regions},
-        results=tuple(results),
-        fibres={name: values_by_name[f"fibre:{name}"] for name in families} if solutions else {},
-        error=values_by_name["error"][:, 0] if estimate else None,
+        regions={name: values[f"region:{name}"][:, 0] > 0 for name in regions},
+        results=results,
+        fibres={name: values[f"fibre:{name}"] for name in families} if solutions else {},
+        error=values["error"][:, 0] if estimate else None,
         body_kind=body.source.body_kind,
+    )
+
+
+def _result(
+    mesh: Triangles,
+    surface: Surface,
+    solution: Solution,
+    values: Mapping[str, Floats],
+    number: int,
+    families: Collection[str],
+    is_overlapping: bool,
+) -> BoundaryResult:
+    """Return the boundary of a solution, of which `_fields` has the values.
+
+    Args:
+        mesh: triangles of the shape that it was solved from; surface: of the one that it found.
+    """
+    crossed = find_overlap(surface).facets if is_overlapping else ()
+    return BoundaryResult(
+        solution.state,
+        solution.direction,
+        mesh.points,
+        cut_of(surface).points,
+        J=values[f"J {number}"][:, 0],
+        stress=values[f"stress {number}"],
+        stretches=values[f"stretches {number}"],
+        crossing=np.isin(mesh.facet, list(crossed)),
+        fibres={name: values[f"fibre {number}:{name}"] for name in families},
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -53,11 +54,7 @@ def interior_of(
     keys = _clusters(body, corners, most) if is_joined else numbers
     distance = _from_middle(body, keys, nodes) if is_joined else np.zeros(len(nodes))
 
-    sets = np.sort(keys[corners], axis=1)
-    whole = np.flatnonzero((np.diff(sets, axis=1) > 0).all(axis=1))
-    _, place = unique_rows(sets[whole])
-    first = np.unique(place, return_index=True)[1]
-    chosen = np.sort(whole[first])
+    chosen = _distinct(keys[corners])
     used = np.unique(corners[chosen])
     places = middles[chosen % len(pattern)]
     names = [name for name, r in body.regions.items() if r.cell_count and (r.origin == "physical" or name in labels)]
@@ -75,22 +72,33 @@ def interior_of(
             np.concatenate([part[used] for part in positions], axis=1),
         )
     )
-    if gathered is None:
-        return None
+    return None if gathered is None else _joined(gathered, names, len(solutions), is_joined=is_joined)
+
+
+def _joined(gathered: Sequence[tuple[Any, ...]], names: Sequence[str], count: int, *, is_joined: bool) -> Interior:
+    """Return the interior from what each rank sent, of which ``count`` solutions."""
     corner_keys, marks, values, keys, distance, numbers, places = map(np.concatenate, zip(*gathered, strict=True))
     order = np.lexsort((numbers, distance, keys))
     distinct, row = np.unique(keys[order], return_index=True)
     places = places[order[row]]
     tetrahedra = np.searchsorted(distinct, corner_keys)
-    kept = np.sort(np.unique(unique_rows(np.sort(tetrahedra, axis=1))[1], return_index=True)[1])
-    points, *pairs = np.split(places, len(positions), axis=1)
-    columns = np.split(values[kept], max(1, len(solutions)), axis=1)
+    kept = _distinct(tetrahedra)
+    points, *pairs = np.split(places, 1 + 2 * count, axis=1)
+    columns = np.split(values[kept], max(1, count), axis=1)
     results = tuple(
         InteriorResult(pairs[2 * i], pairs[2 * i + 1], columns[i][:, :6], columns[i][:, 6], columns[i][:, 7:])
-        for i in range(len(solutions))
+        for i in range(count)
     )
     regions = {name: marks[kept, k] for k, name in enumerate(names)}
     return Interior(points, tetrahedra[kept], regions, results, is_joined)
+
+
+def _distinct(corners: Ints) -> Ints:
+    """Return the tetrahedra, in order, whose four corners differ from each other and from those of earlier ones."""
+    sets = np.sort(corners, axis=1)
+    whole = np.flatnonzero((np.diff(sets, axis=1) > 0).all(axis=1))
+    _, place = unique_rows(sets[whole])
+    return np.sort(whole[np.unique(place, return_index=True)[1]])
 
 
 def _values(body: Body, solution: Solution, cells: Ints, places: Floats) -> Floats:

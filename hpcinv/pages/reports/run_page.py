@@ -137,15 +137,18 @@ def quantity_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
         error, unit = errors.get(name), (summary.get("quantity_units") or {}).get(name)
         unit = ("" if quantity is None else _unit(quantity)) if unit is None else unit
         bar = _bar(value, error)
-        formula = "" if quantity is None else str(quantity["of"])
-        if quantity is not None and is_of_nodes(quantity, summary["job"].get("let", {})):
-            formula += f" ({quantity['reduce']} of the nodes)"
+        formula = "" if quantity is None else _formula(quantity, summary["job"])
         row = {"name": name, "value": value, "error": error, "unit": unit, "of": formula, "bar": bar}
         text = partial(as_shown, unit=unit, symbols=summary.get("units") or {})
         row |= {"text": text(value), "error_text": "not estimated" if error is None else text(error)}
         deviations = [(text(sd), cause) for sd, cause in _deviations(summary, name)]
         rows.append(row | {"deviations": [*deviations, *intervals_of(summary, name, text)]})
     return rows
+
+
+def _formula(quantity: Mapping[str, Any], job: Mapping[str, Any]) -> str:
+    of_nodes = is_of_nodes(quantity, job.get("let", {}))
+    return f"{quantity['of']} ({quantity['reduce']} of the nodes)" if of_nodes else str(quantity["of"])
 
 
 def _deviations(summary: Mapping[str, Any], name: str) -> list[tuple[Any, str]]:

@@ -51,17 +51,12 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
         stopped = is_stop_asked(comm, observer) or interrupted
         if stopped:
             break
-        failures += not solve.outcome.accepted
-        ends = not solve.outcome.accepted and is_given_up(solves, equations.job.solver.patience)
-        is_time = failures == _FAILURES and not solve.outcome.accepted
-        if (
-            (is_time or (ends and failures < _FAILURES))
-            and isinstance(method, DirectMethod)
-            and not method.equilibrium.numbers.count
-        ):
-            motion = on_demand("motion after failures")
-            lines = motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures)
-            observer.failing(lines)
+        if solve.outcome.accepted:
+            continue
+        failures += 1
+        ends = is_given_up(solves, equations.job.solver.patience)
+        if failures == _FAILURES or (ends and failures < _FAILURES):
+            _show_motion(equations, method, failures, observer)
         if ends:
             break
     equilibrium, load = method.equilibrium, method.reached_load
@@ -77,6 +72,13 @@ def solve_direction(equations: Equations, direction: Direction, start: Start, ob
     )
     observer.ended(solved)
     return solved
+
+
+def _show_motion(equations: Equations, method: Method, failures: int, observer: Observer) -> None:
+    """Say what moves after so many failed solves; collective."""
+    if isinstance(method, DirectMethod) and not method.equilibrium.numbers.count:
+        motion = on_demand("motion after failures")
+        observer.failing(motion(equations.job, equations.body, method.equilibrium, method.reached_load, failures))
 
 
 def _explain_sliding(

@@ -105,39 +105,54 @@ def slopes(
     weak_form, body = equations.weak_form(solution.direction), equations.body
     quantities = [quantity for quantity in solution.job.quantities if not quantity.is_reaction]
     fields = fields or fields_for(quantities, body, weak_form, equations.scales)
-    located = _located(quantities, body, changes)
-
-    def values_at(change: Change, shift: float) -> dict[str, Floats]:
-        moved, wanted, places = solution, quantities, located
-        if change.reference is not None:
-            moved = change.reference.moved(solution, shift)
-            wanted, places = list(carried(quantities, body, moved.mesh_nodes)), None
-        moved = replace(
-            moved,
-            u=solution.u + shift * change.u,
-            displacement=shifted(solution.displacement, change.displacement, shift),
-            pressure=shifted(solution.pressure, change.pressure, shift),
-            constraints=tuple(_reports(solution, shift * change.numbers)),
-        )
-        if change.reference is not None or solution.constraints or not solution.contacts:
-            equations.put(moved)
-        elif fields is not None:  # contacts stay: a search of surfaces takes longer than all else
-            equations.put_fields(moved.fields, locates=False)
-        with weak_form.parameters.moved(change.direction, shift):
-            return {name: np.array(v) for name, v in values_of(wanted, body, moved, fields, places).items()}
-
+    moved = _ShiftedValues(equations, solution, quantities, fields, _located(quantities, body, changes))
     kinked = _kinked(quantities, has_kinks(solution.job))
     derivatives: dict[str, dict[str, QuantityValue]] = {quantity.name: {} for quantity in quantities}
     for parameter, change in changes if derivatives else ():
         step = _step(equations, solution, parameter, change)
-        values = [values_at(change, k * step) for k in POINTS]
-        short_values = [values_at(change, k * SHORT * step) for k in POINTS] if kinked else []
-        for name, key_slopes in derivatives.items():
-            slope = central_difference([v[name] for v in values], step)
-            if name in kinked:
-                slope = _checked(slope, [v[name] for v in short_values], SHORT * step)
-            key_slopes[parameter.key] = slope.tolist()
+        values = [moved.at(change, k * step) for k in POINTS]
+        found = {name: central_difference([v[name] for v in values], step) for name in derivatives}
+        if kinked:
+            short_values = [moved.at(change, k * SHORT * step) for k in POINTS]
+            found |= {n: _checked(found[n], [v[n] for v in short_values], SHORT * step) for n in kinked}
+        for name, slope in found.items():
+            derivatives[name][parameter.key] = slope.tolist()
     return derivatives
+
+
+@dataclass(frozen=True)
+class _ShiftedValues:
+    """Values of quantities at shifted solutions, of which points are ``located`` if the mesh stays."""
+
+    equations: Equations
+    solution: Solution
+    quantities: Sequence[QuantityOfInterest]
+    fields: PointFields | None
+    located: Mapping[Point, PointLocation | None] | None
+
+    def at(self, change: Change, shift: float) -> dict[str, Floats]:
+        """Return the values; they are arrays. Collective."""
+        equations, solution, body = self.equations, self.solution, self.equations.body
+        moved, wanted, places = _shifted_solution(solution, change, shift), self.quantities, self.located
+        if change.reference is not None:
+            wanted, places = list(carried(wanted, body, moved.mesh_nodes)), None
+        if change.reference is not None or solution.constraints or not solution.contacts:
+            equations.put(moved)
+        elif self.fields is not None:  # contacts stay: a search of surfaces takes longer than all else
+            equations.put_fields(moved.fields, locates=False)
+        with equations.weak_form(solution.direction).parameters.moved(change.direction, shift):
+            return {name: np.array(v) for name, v in values_of(wanted, body, moved, self.fields, places).items()}
+
+
+def _shifted_solution(solution: Solution, change: Change, shift: float) -> Solution:
+    moved = solution if change.reference is None else change.reference.moved(solution, shift)
+    return replace(
+        moved,
+        u=solution.u + shift * change.u,
+        displacement=shifted(solution.displacement, change.displacement, shift),
+        pressure=shifted(solution.pressure, change.pressure, shift),
+        constraints=tuple(_reports(solution, shift * change.numbers)),
+    )
 
 
 def _located(
