@@ -18,16 +18,18 @@ OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], 
 FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, inside: np.ndarray) -> Sequence[View]:
-    """Views of a job with a pressure on the region z1, which is a closed surface of its own."""
+PRESSURE = {"effect": "pressure", "region": "z1", "pressure": 1.0}
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, inside: np.ndarray, effect: Any = PRESSURE) -> Sequence[View]:
+    """Views of a job with a load on the region z1, which is a closed surface of its own."""
     seen: list[Sequence[View]] = []
     monkeypatch.setattr(job_picture, "figure", lambda views, *_, **__: seen.append(views))
     shells = [OCTAHEDRON, inside]
     triangles = np.concatenate([FACES, FACES[:, ::-1] + 6])
     regions = {"z0": np.arange(16) < 2, "z1": np.arange(16) >= 8}
-    effects: Any = [{"effect": "pressure", "region": "z1", "pressure": 1.0}]
     held = [{"region": "z0", "fix": ["x", "y", "z"]}]
-    made = job(mesh=box((1, 1, 1)), effects=effects, supports=held, analysis="forward", material=NEO_HOOKEAN)
+    made = job(mesh=box((1, 1, 1)), effects=[effect], supports=held, analysis="forward", material=NEO_HOOKEAN)
     job_picture.draw_job(made, Boundary(np.concatenate(shells), triangles, regions))
     return seen[0]
 
@@ -47,6 +49,18 @@ def test_the_pressure_of_a_closed_cavity_is_drawn_in_a_body_cut_open(monkeypatch
 
 def test_a_surface_outside_of_another_is_not_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(drawn(monkeypatch, OCTAHEDRON + np.array([3.0, 0, 0]))) == 2
+
+
+def test_arrows_are_as_long_for_any_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    def arrows(effect: Any) -> np.ndarray:
+        parts = drawn(monkeypatch, OCTAHEDRON + np.array([3.0, 0, 0]), effect)[0].parts
+        (found,) = (part.vectors for part in parts if isinstance(part, Glyphs) and part.vectors is not None)
+        return np.asarray(found)
+
+    length = np.linalg.norm(arrows(PRESSURE), axis=1)
+    for traction in ([0.0, 0.3, 0.4], [0.0, 300.0, 400.0]):
+        pull = arrows({"effect": "traction", "region": "z1", "area_in": "current", "traction": traction})
+        np.testing.assert_allclose(pull, length[:, None] * [0, 0.6, 0.8], rtol=1e-12)
 
 
 @pytest.mark.usefixtures("whole_pictures")
