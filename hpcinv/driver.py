@@ -8,6 +8,7 @@ from typing import NoReturn
 from weakref import ref
 
 from hpcinv.base.files.untrusted import applied_to
+from hpcinv.base.parallel.communicators import require_communicators
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_late, signals_recorded
 from hpcinv.base.parallel.timings import Timings
@@ -70,10 +71,11 @@ def run(
         end_late: ends all ranks, if a signal asks to stop and a check of the certificate takes too long to do so.
 
     Raises:
-        MeshError, OutputError, CheckpointError, SystemPartMissing: the same on every rank.
+        MeshError, OutputError, CheckpointError, SystemPartMissing, OutOfMemory: the same on every rank.
         SolveError: the load was not reached; the diagnosis is in the message and in ``summary.json``.
         Interrupted: ``stop_asked`` was true on some rank.
     """
+    require_communicators(comm)
     with ExitStack() as own:
         workspace = workspace or own.enter_context(Workspace(comm))
         progress = progress or own.enter_context(Progress(comm, None))
