@@ -53,7 +53,7 @@ def friction_limit(job: Job, system: System, load: float, scales: Scales) -> lis
 
 
 def _only_contacts(job: Job) -> list[Contact]:
-    """Return the contacts with obstacles, of which some have friction, if nothing else holds the body."""
+    """Return the contacts with obstacles, if nothing else holds the body and at least one has friction."""
     contacts = [effect for effect in job.effects if isinstance(effect, Contact)]
     is_free = not job.supports and not job.interfaces and all(contact.is_paired for contact in contacts)
     return contacts if is_free and any(contact.friction for contact in contacts) else []

@@ -94,7 +94,7 @@ def _result(
     families: Collection[str],
     is_overlapping: bool,
 ) -> BoundaryResult:
-    """Return the boundary of a solution, of which `_fields` has the values.
+    """Return the boundary of a solution from the values that `_fields` returns.
 
     Args:
         mesh: triangles of the shape that it was solved from; surface: of the one that it found.

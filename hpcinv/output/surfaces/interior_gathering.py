@@ -76,7 +76,7 @@ def interior_of(
 
 
 def _joined(gathered: Sequence[tuple[Any, ...]], names: Sequence[str], count: int, *, is_joined: bool) -> Interior:
-    """Return the interior from what each rank sent, of which ``count`` solutions."""
+    """Return the interior from what each rank sent, with so many solutions."""
     corner_keys, marks, values, keys, distance, numbers, places = map(np.concatenate, zip(*gathered, strict=True))
     order = np.lexsort((numbers, distance, keys))
     distinct, row = np.unique(keys[order], return_index=True)
@@ -94,7 +94,7 @@ def _joined(gathered: Sequence[tuple[Any, ...]], names: Sequence[str], count: in
 
 
 def _distinct(corners: Ints) -> Ints:
-    """Return the tetrahedra, in order, whose four corners differ from each other and from those of earlier ones."""
+    """Return the tetrahedra, in order, with four corners that differ, each set of corners once."""
     sets = np.sort(corners, axis=1)
     whole = np.flatnonzero((np.diff(sets, axis=1) > 0).all(axis=1))
     _, place = unique_rows(sets[whole])

@@ -122,7 +122,7 @@ def slopes(
 
 @dataclass(frozen=True)
 class _ShiftedValues:
-    """Values of quantities at shifted solutions, of which points are ``located`` if the mesh stays."""
+    """Values of quantities at shifted solutions; points of quantities are ``located`` if the mesh stays."""
 
     equations: Equations
     solution: Solution
