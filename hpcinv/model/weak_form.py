@@ -328,7 +328,7 @@ def _modulus(job: Job, fields: BodyFields, scales: Scales) -> float:
 def _contacts(
     job: Job, named: tuple[Any, ...], fields: BodyFields, unknowns: Unknowns, kin: Kinematics, scales: Scales
 ) -> Contacts:
-    """Return the contacts of a job, also those of its ``named`` effects with obstacles."""
+    """Return the contacts of a job, with obstacles of its ``named`` effects and between bodies."""
     modulus, body = _modulus(job, fields, scales), fields.body
     obstacles, pairs = paired_obstacles(named, body, job.resolve), ()
     if job.interfaces or obstacles:
