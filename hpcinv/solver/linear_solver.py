@@ -45,7 +45,7 @@ class LinearSolver:
         self.system, self.choice = system, choice
         self.fallback: str | None = None
         self.factorizations, self.failure = 0, Outcome.LINEAR_SOLVER
-        self._iterations, self._has_changed = 0, False
+        self._iterations, self._has_changed, self._has_options = 0, False, bool(options)
         self._is_refined = choice.is_refined
         self._factorized = -1  # number of the tangent that was factorized last
         self._pattern = 0
@@ -205,6 +205,11 @@ class LinearSolver:
         return (
             self.configuration.name == "direct" and max(self._factorized, self._released) >= 0 and is_mumps(self.ksp.pc)
         )
+
+    @property
+    def has_transpose(self) -> bool:
+        """True if factors or preconditioner can be applied transposed, which PETSc's options of the job may prevent."""
+        return self.configuration.name == "direct" or not self._has_options
 
     def apply_factors(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve with the present factors as they are, without Krylov iterations."""

@@ -24,11 +24,12 @@ from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.physics.points import array_interpreter, form_programs, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.point_scalars import PointScalars
 from hpcinv.physics.points.point_values import PointKernel
 from hpcinv.physics.points.program import Program
 from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph
-from hpcinv.physics.points.slopes import coefficients, slopes
+from hpcinv.physics.points.slopes import coefficients, gradient, slopes
 from hpcinv.physics.points.tables import Tables
 
 CUBE = mesh.create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
@@ -126,6 +127,24 @@ def test_slopes_vanish_of_what_does_not_depend_on_the_leaf() -> None:
     u, x = graph.leaf("u"), graph.input("x")
     outputs = [graph.multiply(x, x), graph.add(u, x), graph.compare("<", u, x)]
     assert slopes(graph, outputs, {u: graph.number(1.0)}) == [None, graph.number(1.0), None]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_derivatives_in_reverse_agree_with_those_along_each_leaf(name: str) -> None:
+    """Of a number in which several leaves meet, some of them twice."""
+    u = fem.Function(fem.functionspace(CUBE, ("Lagrange", 1, (3,))))
+    u.x.array[:] = np.random.default_rng(3).uniform(-0.4, 0.4, len(u.x.array))
+    expression = FUNCTIONS[name](u[0] * u[1]) * (u[0] - 2 * u[2]) + ufl.sqrt(u[1] ** 2 + 1) / (u[2] + 3)
+    sources = Sources([u], ())
+    scalars = PointScalars(graph := ScalarGraph(), (u,))
+    (root,) = scalars.of(expression)
+    leaves = [scalars.function(u, component, -1) for component in range(3)]
+    forward = [slopes(graph, [root], {leaf: graph.number(1.0)})[0] for leaf in leaves]
+    nodes = [node for node in (*forward, *gradient(graph, root, leaves)) if node is not None]
+    integrand = Integrand(CUBE.ufl_domain(), Tables(POINTS), sources, graph)
+    kernel = PointKernel(Programs.of_expression(integrand.values(nodes), sources.used), [u], [])
+    along, found = np.split(kernel.eval(CUBE, np.arange(6, dtype=np.int32)).reshape(-1, 6), 2, axis=1)
+    np.testing.assert_allclose(found, along, 1e-12, 1e-13)
 
 
 def program_of(expression: Any, points: np.ndarray = POINTS) -> tuple[Program, Sources]:

@@ -15,6 +15,7 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.mesh.body import whole_in_source_order
+from hpcinv.model.assembly.system import System
 from hpcinv.output.result import Result
 from hpcinv.solver.workspace import Workspace
 
@@ -268,3 +269,51 @@ def test_a_result_has_its_own_numbers_in_a_workspace_of_later_runs(comm: MPI.Int
             (expected.nodes, found.nodes),
         ):
             np.testing.assert_allclose(value, given, rtol=0, atol=1e-10 * np.abs(given).max())
+
+
+@pytest.mark.parallel([1, 2])
+@pytest.mark.parametrize("formulation", ["displacement", "mixed"])
+def test_transposed_multigrid_gives_the_products_of_factors(comm: MPI.Intracomm, formulation: str) -> None:
+    found = []
+    for linear in ("direct", "iterative"):
+        posed = small(
+            mesh=box((4, 2, 2), hexahedra=False),
+            material={"law": "neo-hookean", "mu": 2e4, "lam": 4e5},
+            discretisation={"displacement": 2, "formulation": formulation},
+            solver={"linear": linear, "tolerance": 1e-12},
+        )
+        with Workspace(comm) as workspace:
+            result = hpcinv.run(posed, comm, workspace=workspace, progress=False)
+            found.append(result.vjp({"tip": 1.0}, ["material.mu"], nodes=True))
+    expected, gradient = found
+    pairs = [(gradient.fields["material.mu"], expected.fields["material.mu"]), (gradient.nodes, expected.nodes)]
+    for value, given in pairs:
+        assert value is not None
+        assert given is not None
+        np.testing.assert_allclose(value, given, rtol=0, atol=1e-8 * np.abs(given).max())
+
+
+@pytest.mark.parametrize("linear", ["direct", "iterative"])
+def test_products_at_one_solution_assemble_its_tangent_once(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, linear: str
+) -> None:
+    """Later runs in the workspace, and a result without one, have tangents of their own."""
+    made: list[System] = []
+    assemble = System.tangent
+
+    def counted(system: System, *terms: Any) -> None:
+        made.append(system)
+        assemble(system, *terms)
+
+    monkeypatch.setattr(System, "tangent", counted)
+    with Workspace(comm) as workspace:
+        first = hpcinv.run(small(solver={"linear": linear}), comm, workspace=workspace, progress=False)
+        for count, again in ((1, False), (0, False), (1, True), (0, False)):
+            if again:
+                stiffer = small(solver={"linear": linear}, material={"law": "neo-hookean", "mu": 4e4, "poisson": 0.3})
+                hpcinv.run(stiffer, comm, workspace=workspace, progress=False)
+            made.clear()
+            gradient = first.vjp({"tip": 1.0}, nodes=True)
+            along = first.jvp({"material.mu": 1.0})
+            assert len(made) == count
+            assert along["tip"] == pytest.approx(gradient.numbers["material.mu"], rel=1e-8)

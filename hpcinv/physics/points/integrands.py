@@ -20,7 +20,7 @@ from ufl.classes import Argument, CoefficientDerivative
 from hpcinv.physics.points.point_scalars import PointScalars
 from hpcinv.physics.points.program import Integers, Program, code_of
 from hpcinv.physics.points.scalar_graph import Node, NotAnalytic, ScalarGraph
-from hpcinv.physics.points.slopes import coefficients, slopes
+from hpcinv.physics.points.slopes import coefficients, gradient, slopes
 from hpcinv.physics.points.tables import Tables
 
 _DIRECTIONS = (-1, 0, 1, 2)  # value, and derivatives by reference coordinates
@@ -119,11 +119,9 @@ class Integrand:
 
     def _slopes_of_number(self, number: Node, places: Mapping[Node, Slot], test: Any) -> Program:
         """Return the program of the derivative of a number by an unknown, along a test function."""
-        results = []
-        for node, slot in places.items():
-            (dual,) = slopes(self._graph, [number], {node: self._graph.number(1.0)})
-            if dual is not None:
-                results.append((dual, self._basis(Slot(test, slot.component, slot.direction)), -1))
+        duals = gradient(self._graph, number, list(places))
+        slots = [Slot(test, slot.component, slot.direction) for slot in places.values()]
+        results = [(dual, self._basis(slot), -1) for slot, dual in _present(slots, duals).items()]
         return self._program(results, rank=1)
 
     def moduli(

@@ -87,6 +87,18 @@ class BlockTriangular:
         self.displacements.apply(self._left, correction)
         correction.array[self._pressures] = pressures
 
+    def applyTranspose(self, _pc: PETSc.PC, residual: PETSc.Vec, correction: PETSc.Vec) -> None:
+        x, b = self._mass_vectors
+        residual.copy(self._left)
+        self._left.array[self._pressures] = 0.0
+        self.displacements.applyTranspose(self._left, self._right)
+        self._right.array[self._pressures] = 0.0
+        self._tangent.multTranspose(self._right, self._left)
+        b.array[:] = cast(Floats, self._left.array_r)[self._pressures] - cast(Floats, residual.array_r)[self._pressures]
+        self._mass_solver.solve(b, x)
+        self._right.copy(correction)
+        correction.array[self._pressures] = x.array
+
     def reset(self, _pc: PETSc.PC) -> None:
         """Free PETSc objects."""
         mass_parts = self._mass_solver, *self._mass_vectors

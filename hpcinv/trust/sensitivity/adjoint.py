@@ -130,7 +130,7 @@ class _Adjoint(Linearised):
         equilibrium = equations.equilibrium(self._weak_form)
         system = equilibrium.system
         try:
-            system.linearise(1.0)
+            self._linearise(system)
             b, x = system.rhs.duplicate(), system.rhs.duplicate()
             with b.localForm() as local:
                 local.array[:] = by_state
@@ -142,7 +142,7 @@ class _Adjoint(Linearised):
             adjoint.x.array[: len(x.array)] = -x.array
             adjoint.x.scatter_forward()
             by_held = np.zeros(len(adjoint.x.array))
-            if equations.supports.prescribed:
+            if self._depends_on_held:
                 held = system.rhs.duplicate()
                 with held.localForm() as local:
                     local.array[:] = self._work.by_state()
@@ -154,6 +154,12 @@ class _Adjoint(Linearised):
         finally:
             equations.release(equilibrium)
         return by_held
+
+    @property
+    def _depends_on_held(self) -> bool:
+        """Whether prescribed displacements change with parameters."""
+        numbers = tied_parameters(self._parameters)
+        return self._equations.supports.prescribe_motion or any(isinstance(p.owner, Support) for p in numbers)
 
     def _collected(
         self,

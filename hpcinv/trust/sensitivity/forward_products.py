@@ -141,7 +141,7 @@ class _Along(Linearised):
         equilibrium = equations.equilibrium(self._weak_form)
         system = equilibrium.system
         try:
-            system.linearise(1.0)
+            self._linearise(system)
             b, x = system.rhs.duplicate(), system.rhs.duplicate()
             with b.localForm() as local:
                 local.array[:] = forces

@@ -1,8 +1,8 @@
 """Linear solves with a tangent or its transpose, by the factors that a solve has left.
 
 The factors of Newton's last tangent precondition the tangent at the solution, which takes a few iterations of FGMRES
-instead of a factorization. Multigrid, which has no transpose, preconditions as it is: tangents of inverse problems are
-nearly symmetric.
+instead of a factorization. Multigrid is set up once at the solution. Its transpose preconditions the transposed
+tangent, unless the job has PETSc options: they may choose a preconditioner without a transpose.
 
 Source: Saad, SIAM J. Sci. Comput. 14, 461-469, 1993, doi:10.1137/0914028.
 """
@@ -18,12 +18,15 @@ from hpcinv.errors import SolveError
 from hpcinv.model.assembly.system import System
 from hpcinv.solver.linear_solver import LinearSolver
 
-_TOLERANCE = 1e-13
-"""Residual over the right-hand side at which iterations end; raised, gradients have such a relative error."""
+_TOLERANCE, _MULTIGRID_TOLERANCE = 1e-13, 1e-11
+"""Residual over the right-hand side at which iterations end, with factors and with multigrid, whose iterations are
+dear; raised, gradients have such a relative error."""
 _ENOUGH = 1e-9
 """The same above which a solve has failed; raised, gradients of nearly singular tangents are inaccurate."""
 _ITERATIONS, _MULTIGRID_ITERATIONS = 30, 300
 """Iterations after which factors of an earlier tangent are given up, and those with multigrid."""
+_MULTIGRID_RESTART = 100
+"""Krylov vectors with multigrid; lowered, slender bodies stagnate; raised, memory grows by two vectors for each."""
 
 
 def solve(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, *, is_transposed: bool) -> None:
@@ -37,8 +40,10 @@ def solve(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, *, i
         x.set(0.0)
         return
     for renews in (False, True) if linear.has_factors else (True,):
-        if renews:
+        if renews and linear.has_factors:
             linear.factorize()
+        elif renews:
+            linear.factorize_if_needed()  # multigrid of this tangent may be left
         if _solved(system, linear, b, x, is_transposed) <= _ENOUGH * size:
             return
     raise SolveError(
@@ -55,10 +60,14 @@ def _solved(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, is
     ksp = PETSc.KSP().create(system.comm)
     ksp.setType(PETSc.KSP.Type.FGMRES)
     ksp.setOperators(operator)
-    ksp.setTolerances(rtol=_TOLERANCE, atol=0.0, max_it=_ITERATIONS if is_direct else _MULTIGRID_ITERATIONS)
-    ksp.setGMRESRestart(_ITERATIONS)
+    if is_direct:
+        ksp.setTolerances(rtol=_TOLERANCE, atol=0.0, max_it=_ITERATIONS)
+        ksp.setGMRESRestart(_ITERATIONS)
+    else:
+        ksp.setTolerances(rtol=_MULTIGRID_TOLERANCE, atol=0.0, max_it=_MULTIGRID_ITERATIONS)
+        ksp.setGMRESRestart(_MULTIGRID_RESTART)
     ksp.pc.setType(PETSc.PC.Type.PYTHON)
-    ksp.pc.setPythonContext(_Factors(linear.ksp.pc, is_transposed=is_transposed and is_direct))
+    ksp.pc.setPythonContext(_Factors(linear.ksp.pc, is_transposed=is_transposed and linear.has_transpose))
     given, r = b.copy(), b.duplicate()
     if director is not None:
         (director.enter_transposed if is_transposed else director.enter)(given)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from hpcinv.job.sections import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats
+from hpcinv.model.assembly.system import System
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.sensitivity.analysis import moves_nodes, node_rates
@@ -60,6 +62,14 @@ class Linearised:
         if name not in kept:
             kept[name] = make()
         return kept[name]
+
+    def _linearise(self, system: System) -> None:
+        """Assemble the tangent at the solution, unless it is the last one that was assembled."""
+        system.set_load(1.0)
+        kept = self._weak_form.derived.get("tangent")
+        if kept is None or not (kept[0]() is system and kept[1]() is self._solution and kept[2] == system.tangents):
+            system.tangent()
+            self._weak_form.derived["tangent"] = ref(system), ref(self._solution), system.tangents
 
     def _error(self, text: str) -> JobError:
         where = self._job.path or "job"
