@@ -212,6 +212,16 @@ CASES = (
         [Figure("{:.3f} mm", rf"tip displacement \[{'[^,]*, ' * i}'(\S+) mm'") for i in range(3)]
         + [Figure("{:.2f} mm", r"beam theory (\S+) mm")],
     ),
+    VerificationRow(
+        "cylinder on a block (NAFEMS CGS-1: Hertz' 3585 MPa over a half width of 6.21 mm), other cylinders on blocks:"
+        " pressure and width within the rim of one cell",
+        "verification/test_hertz.py",
+    ),
+    VerificationRow(
+        "CalculiX, equal meshes: rubber there and back to 7 digits; two blocks in contact, surface to surface: force to"
+        " the overlap that its penalty leaves",
+        "verification/test_beside_calculix.py",
+    ),
 )
 
 

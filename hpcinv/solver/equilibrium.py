@@ -245,10 +245,11 @@ class Equilibrium:
             system.weak_form.passages.depart()
             system.end_contact_step(now.load)
         else:
-            system.set_state(accepted)
+            system.set_state(accepted if predicted is None else predicted.origin)
             numbers.restore(kept_numbers)
             numbers.put(load)
-            self._is_softer = system.follow_failure(outcome)
+            self._is_softer = system.follow_failure(outcome)  # by pressures of an equilibrium, not of a prediction
+            system.set_state(accepted)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations

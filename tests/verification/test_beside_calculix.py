@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,3 +79,29 @@ def test_equal_cells_give_the_displacement_and_the_unloaded_shape_of_calculix(el
     assert comparison.difference < 1e-6  # 7 digits in its file
     assert comparison.back is not None
     assert comparison.back < 1e-6
+
+
+def differences(directory: Path, **parameters: Any) -> tuple[float, float]:
+    """Return how much CalculiX differs on two pressed blocks: in force and largest displacement, relative to ours."""
+    from benchmarks.published.calculix.contact import compared_blocks
+
+    force, displacement = compared_blocks({"layers": 2, **parameters}, directory)
+    print(f"{parameters}: force {force:.1e}, displacement {displacement:.1e}")
+    return force, displacement
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_contact_of_flat_blocks_has_the_force_of_calculix(tmp_path: Path) -> None:
+    """CalculiX's penalty lets surfaces overlap by pressure/stiffness: 3e-6 of 0.02, and of the force as much."""
+    force, displacement = differences(tmp_path, lower=2, upper=3)
+    assert force < 3 * 1.5e-4
+    assert displacement < 2e-3
+
+
+@pytest.mark.release
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+def test_contact_of_curved_blocks_comes_near_to_calculix_on_finer_meshes(tmp_path: Path) -> None:
+    """Our gaps are means around vertices, its gaps are at points of facets: they differ at the edge of the contact."""
+    forces = [differences(tmp_path, lower=n, upper=n, crown=0.02)[0] for n in (3, 6)]
+    assert forces[0] < 4e-3
+    assert forces[1] < 0.6 * forces[0]

@@ -38,7 +38,7 @@ def element(source: MeshSource) -> str:
 
 def write(path: Path, source: MeshSource, job: Job) -> Ints:
     """Write the deck of a job: one rubber, fixed surfaces, dead tractions; return the rows of nodes that it has."""
-    cells = _cells(source)
+    cells = cells_of(source)
     nodes = np.unique(cells)
     lines = [
         "*NODE, NSET=ALL",
@@ -55,7 +55,7 @@ def write(path: Path, source: MeshSource, job: Job) -> Ints:
     for support in job.supports:
         for axis in support.fix or ():
             number = "xyz".index(axis) + 1
-            lines += [f"{n + 1}, {number}, {number}" for n in np.intersect1d(_facets(source, support.region), nodes)]
+            lines += [f"{n + 1}, {number}, {number}" for n in np.intersect1d(facets(source, support.region), nodes)]
     lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", "0.25, 1.", "*CONTROLS, PARAMETERS=FIELD"]
     lines += [f"{RESIDUAL}, {RESIDUAL}, 0.01, , 0.02, {RESIDUAL}", "*CLOAD"]
     for n, force in zip(nodes, _forces(source, job)[nodes], strict=True):
@@ -70,7 +70,8 @@ def displacements(path: Path) -> Floats:
     return np.array([[float(x) for x in row.split()[1:]] for row in rows if len(row.split()) == 4])
 
 
-def _cells(source: MeshSource) -> Ints:
+def cells_of(source: MeshSource) -> Ints:
+    """Return the nodes of each cell in the order of CalculiX."""
     corners = source.cells[:, list(CORNERS[source.kind])]
     if source.kind == "tetrahedron":
         a, b, c, d = (source.points[corners[:, i]] for i in range(4))
@@ -105,7 +106,8 @@ def _material(job: Job) -> list[str]:
     raise ValueError(f"CalculiX has no law like {law}")
 
 
-def _facets(source: MeshSource, region: str) -> Ints:
+def facets(source: MeshSource, region: str) -> Ints:
+    """Return the nodes of each facet of a region."""
     [group] = [group for group in source.groups if group.name == region and group.dim == 2]
     return source.facets[group.members]
 
@@ -118,7 +120,7 @@ def _forces(source: MeshSource, job: Job) -> Floats:
         if not isinstance(effect, Traction):
             raise ValueError(f"the deck has no load of the kind {type(effect).__name__}")
         traction = np.array([float(t) for t in effect.traction])
-        for facet in _facets(source, effect.region):
+        for facet in facets(source, effect.region):
             first, second, third = source.points[facet[:3]]
             area = np.linalg.norm(np.cross(second - first, third - first)) * (0.5 if corners == 3 else 1.0)
             middles = facet[corners : 2 * corners] if source.degree == 2 else facet[:0]

@@ -500,6 +500,7 @@ class SurfacePair:
         return gives_way and any(friction.soften() for friction in self._frictions)
 
     def _soften(self) -> None:
+        self.locate()
         tractions, gaps = self._tractions()[0], self._signed_gaps()
         self._penalties = self._softening.share * self._first_penalties
         self._q = np.where(tractions > 0, np.maximum(tractions + self._penalties * gaps, 0.0), 0.0)
