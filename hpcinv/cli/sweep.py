@@ -185,7 +185,6 @@ def _teach(options: argparse.Namespace) -> int:
 def _retry(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = plan.ledger
-    records = ledger.records(dict.fromkeys(plan.cases.keys))
-    opened = sum(ledger.retry(key) for key, record in records if not record.converged)
+    opened = len(ledger.retry(*dict.fromkeys(plan.cases.keys)))
     print(f"{opened} failed case{'s are' if opened != 1 else ' is'} open again")
     return 0

@@ -18,8 +18,9 @@ from typing import Any
 
 from hpcinv.base.parallel import processes
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.claims import Claim
 from hpcinv.studies.batch.ledger.holder import Holder
-from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
+from hpcinv.studies.batch.ledger.ledger import Ledger
 
 OPERATIONS = {"open", "os.link", "os.remove", "os.rename", "os.mkdir", "os.scandir"}
 
@@ -44,7 +45,16 @@ def die_before_operation(number: int, store: Path) -> None:
         count()
         flush(descriptor)
 
-    os.fsync = flush_or_die
+    write = os.pwrite
+
+    def write_or_die(descriptor: int, content: Any, offset: int) -> int:
+        nonlocal left
+        if left == 2:
+            write(descriptor, content[: len(content) // 2], offset)  # it is killed while it writes
+        count()
+        return write(descriptor, content, offset)
+
+    os.fsync, os.pwrite = flush_or_die, write_or_die
     sys.addaudithook(hook)
 
 
@@ -61,8 +71,11 @@ class Worker:
     def finish(self, keys: list[str]) -> None:
         while keys := [key for key, state in self.ledger.states(keys).items() if state.name != "finished"]:
             random.shuffle(keys)
-            for key in keys:
-                if (claim := self.ledger.claim(key)) is not None:
+            left = [*keys]
+            while left:
+                size = min(random.choice((1, 2, 5)), len(left))
+                block, left = left[:size], left[size:]
+                for claim in self.ledger.claim_all(block):
                     self.solve(claim)
 
     def solve(self, claim: Claim) -> None:

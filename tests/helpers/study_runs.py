@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
@@ -41,11 +40,6 @@ def drain(schedule: StudySchedule, records: Iterator[CaseRecord]) -> list[StudyT
         tasks.append(task)
         assert schedule.executions.ledger.commit(task.claim, next(records))
     return tasks
-
-
-def records_in(directory: Path) -> list[Path]:
-    """The files of finished executions."""
-    return sorted(directory.glob("store/ledger/*/[!.]*.record-*.json"))
 
 
 def reused(schedule: StudySchedule) -> int:

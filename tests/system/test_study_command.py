@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import signal
 import time
@@ -16,13 +17,13 @@ import numpy as np
 import pytest
 import yaml
 from helpers.command_line import COLUMN, NO_CERTIFICATE, Started, hpcinv, hpcinv_here
+from helpers.ledger_files import committed
 from helpers.studies import STUDY
-from helpers.study_runs import CLOSED_FORM, NZ, records_in
+from helpers.study_runs import CLOSED_FORM, NZ
 
 import hpcinv as api
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.job import parse
-from hpcinv.studies.batch.ledger.case_record import CaseRecord
 
 
 @pytest.fixture(scope="module")
@@ -140,12 +141,12 @@ def test_diagrams_show_every_series_and_the_front(results: Path, table: list[dic
 
 @pytest.mark.release
 def test_the_same_command_again_does_nothing_twice(results: Path, place: Path) -> None:
-    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)}
+    before = committed(results / "store")
     done = hpcinv_here("study", "column-study.yaml", cwd=place)
     assert done.returncode == 0, done.stderr
     assert f"{len(before)} executions were done before" in done.stdout
     assert "[" not in done.stdout.partition("length (m)")[0]
-    assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(results)} == before
+    assert committed(results / "store") == before
 
 
 def test_quantities_of_all_states_are_measured(tmp_path: Path) -> None:
@@ -188,8 +189,8 @@ def test_quantities_of_all_states_are_measured(tmp_path: Path) -> None:
     assert "rest-hanging, rest-standing, " in refused.stderr
 
 
-def kept(directory: Path) -> dict[Path, tuple[int, bytes]]:
-    return {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in records_in(directory)}
+def kept(directory: Path) -> dict[tuple[str, int, int], bytes]:
+    return committed(directory / "store")
 
 
 def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> None:
@@ -217,7 +218,7 @@ def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> N
     assert done.stdout.count("\n[") == len(kept(place / "long")) - len(killed)
     assert {p: entry for p, entry in kept(place / "long").items() if p in killed} == killed
     assert killed.items() >= stopped.items()
-    assert all(CaseRecord.decoded(content).converged for _, content in kept(place / "long").values())
+    assert all(json.loads(line)["case"]["brief"]["status"] == "converged" for line in kept(place / "long").values())
     with h5py.File(place / "long" / "table.h5") as file:
         assert file["times"].shape == (2, 6)
 
@@ -225,7 +226,7 @@ def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> N
 @pytest.mark.release
 def test_a_study_killed_at_random_moments_repeats_no_committed_run(place: Path) -> None:
     """Kills fall into the start, a run, or a commit; each time all that was committed stays as it is."""
-    random, before = Random(7), dict[Path, tuple[int, bytes]]()
+    random, before = Random(7), dict[tuple[str, int, int], bytes]()
     for _ in range(3):
         with Started(1, "study", "long.yaml", "--output", "killed", cwd=place) as started:
             started.wait_for("results in killed" if before else "\n[1/")  # all kernels are compiled then
@@ -239,14 +240,14 @@ def test_a_study_killed_at_random_moments_repeats_no_committed_run(place: Path) 
     after = kept(place / "killed")
     assert after.items() >= before.items()
     assert done.stdout.count("\n[") == len(after) - len(before)
-    assert all(CaseRecord.decoded(content).converged for _, content in after.values())
+    assert all(json.loads(line)["case"]["brief"]["status"] == "converged" for line in after.values())
     assert (place / "killed" / "table.csv").exists()
 
 
 def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path) -> None:
     command = ("study", "long.yaml", "--output", "shared")
     with Started(1, *command, cwd=place) as first, Started(1, *command, cwd=place) as other:
-        while not list(place.glob("shared/store/ledger/*/[!.]*.claim-*")):
+        while not list(place.glob("shared/store/ledger/log/[!.]*")):
             assert first.mpirun.poll() is None, first.text
             time.sleep(0.01)
         first.send(signal.SIGSTOP, first.ranks())  # so that it is not done before the other begins

@@ -45,7 +45,7 @@ def publish(path: Path, content: bytes) -> bool:
     Without hard links the file is still complete, but the second of two simultaneous writers replaces the first.
     """
     first = _create(path, content, _move)
-    _flush_directory(path.parent)
+    flush_directory(path.parent)
     return first
 
 
@@ -76,7 +76,7 @@ def replace(path: Path, content: bytes, *, shared: bool = False) -> None:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
         raise
-    _flush_directory(path.parent)
+    flush_directory(path.parent)
 
 
 def write_output(path: Path, content: bytes, advice: str = "") -> None:
@@ -89,7 +89,7 @@ def make_directory(path: Path) -> None:
     """Make a directory, if it does not exist, in an existing one; durable."""
     if not path.is_dir():
         path.mkdir(exist_ok=True)
-        _flush_directory(path.parent)
+        flush_directory(path.parent)
 
 
 def take_permissions(file: int | Path, path: Path) -> None:
@@ -116,7 +116,7 @@ def _flushed(file: IO[bytes], content: bytes) -> None:
     os.fsync(file.fileno())
 
 
-def _flush_directory(path: Path) -> None:
+def flush_directory(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

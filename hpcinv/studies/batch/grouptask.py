@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Self, TextIO
 
 from hpcinv.errors import HpcinvError
-from hpcinv.studies.batch.ledger.ledger import Claim
+from hpcinv.studies.batch.ledger.claims import Claim
 from hpcinv.studies.batch.task import Batch, BatchTask
 
 _TASK, _EVENTS = "task", "events"

@@ -104,7 +104,7 @@ def status(
     """Return the status of cases; claims and changes nothing."""
     distinct = {case.key: case for case in reversed(cases)}
     states = ledger.states(key for key in distinct if key not in records)
-    running = Counter(state.holder for state in states.values() if state.name == "running")
+    running = Counter(state.holder for state in states.values() if state.name == "running" and not state.waits)
     reuse_groups = {key: case.reuse_group for key, case in distinct.items()}
     seconds = remaining_seconds(reuse_groups, records)
     return Status(
@@ -117,7 +117,7 @@ def status(
         running=running,
         failed=_failed([case for case in cases if distinct[case.key] is case], records),
         seconds=None if seconds is None else seconds / max(running.total(), 1),
-        damaged=len(ledger.damaged(key for key, state in states.items() if state.name == "finished")),
+        damaged=len(ledger.damaged(states)),
     )
 
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
     from hpcinv.job.job import Job
-    from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
+    from hpcinv.studies.batch.ledger.claims import Claim
+    from hpcinv.studies.batch.ledger.ledger import Ledger
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,20 @@
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from hpcinv.base.parallel.runtime import MPI, on_root
-from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, SolveError, described
+from hpcinv.errors import HpcinvError, Interrupted, JobError, MeshError, OutputError, SolveError, described
 from hpcinv.output.progress import SilentProgress
 from hpcinv.physics.points.interpreter import note_on_speed
 from hpcinv.solver.workspace import collect_garbage
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.claims import CRASHES, DEADLY, KILLED, LOST, Claim
 from hpcinv.studies.batch.ledger.holder import Holder
-from hpcinv.studies.batch.ledger.ledger import CRASHES, DEADLY, KILLED, LOST, Claim, Ledger
+from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.batch.task import Batch, BatchTask, Pause, Schedule
 
 _PAUSE = 1.0  # seconds between checks of cases that other groups hold
@@ -49,6 +50,7 @@ def work(
         def open_ledger() -> None:
             holder = held.enter_context(Holder(batch.store))
             worker.ledger = Ledger(batch.store, holder, lease=lease, supervised=holding is not None)
+            held.callback(_close, worker.ledger)
             worker.schedule = batch.schedule(worker.ledger, begin, group.size)
 
         on_root(group, open_ledger)
@@ -157,6 +159,11 @@ class Worker:
         self.holding(None)
         meanwhile = f"{task.title}: was finished by another process meanwhile"
         self.note(self.schedule.report(task, record) if first else meanwhile)
+
+
+def _close(ledger: Ledger) -> None:
+    with suppress(OutputError):  # other processes will find that this one has ended
+        ledger.close()
 
 
 def _given_up(claim: Claim) -> tuple[str, str] | None:

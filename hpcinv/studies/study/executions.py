@@ -128,7 +128,7 @@ class Executions:
     def retry(self) -> int:
         """Open the failed executions again; return their number."""
         failed = [key for key, record in self._records.items() if not record.converged]
-        opened = [key for key in failed if self.ledger.retry(key)]
+        opened = self.ledger.retry(*failed)
         self._records = {key: record for key, record in self._records.items() if key not in opened}
         return len(opened)
 

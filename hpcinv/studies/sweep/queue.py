@@ -6,6 +6,7 @@ many of them (`hpcinv.studies.sweep.parameter_series`).
 
 import itertools
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,13 +16,19 @@ import numpy as np
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory, as_yaml
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
-from hpcinv.studies.batch.ledger.ledger import Claim, Ledger
+from hpcinv.studies.batch.ledger.claims import Claim
+from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.batch.task import BatchTask, Pause
 from hpcinv.studies.sweep.neighbours import ParameterSpace, is_equal
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
 
 LEAST_AHEAD = 8
 """Open cases on a line from which a power series is worth its solves. Raised, shorter axes take more factorizations."""
+MOST_CLAIMED = 256
+"""Cases that a group claims at once. Raised, the log of the store has fewer entries, of more cases each."""
+LONGEST_BLOCK = 120.0
+"""Seconds that the cases claimed at once may take together. Raised, groups wait longer for each other at the end."""
+_SHARES = 8  # a group claims at most this part of its share of the open cases: 1/8
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 
 
@@ -78,11 +85,14 @@ class Queue:
         self._keys = [*self._cases.keys]
         self._reuse_groups = np.array([*self._cases.reuse_groups])
         self._members: dict[str, _Members] = {}  # of each reuse group
+        self._open = np.ones(len(self._cases), dtype=bool)
         self._line = np.zeros(len(self._cases), dtype=bool)  # the cases of the present line
         for group, cases in itertools.groupby(enumerate(self._cases.numbers), lambda case: self._reuse_groups[case[0]]):
             places, numbers = zip(*cases, strict=True)
             points = np.stack([*map(ParameterSpace(numbers).point, numbers)])
             self._members[str(group)] = _Members(np.array(places), points, np.array(numbers).reshape(len(places), -1))
+        self._block = deque[tuple[int, Claim]]()  # claimed cases, the next one first
+        self._block_size, self._solved, self._seconds = 0, 0, 0.0
         self._deadline: float | None = None  # of a wait for cases that others hold
         self._last = min(int(begin * len(self._cases)), len(self._cases) - 1)
         self._read_states()
@@ -104,6 +114,7 @@ class Queue:
         return None
 
     def report(self, task: SweepTask, record: CaseRecord) -> str:
+        self._solved, self._seconds = self._solved + 1, self._seconds + record.seconds
         line = f"{task.title}: "
         if not record.converged:
             return line + record.status
@@ -121,8 +132,7 @@ class Queue:
 
     def _ahead(self) -> Ahead | None:
         """Return the farthest open case on the line of the last one, which is the present line from now on."""
-        if not (self._line[self._last] and (self._line & self._open).any()):
-            self._line = self._best_line()
+        self._choose_line()
         left = np.flatnonzero(self._line & self._open)
         if len(left) < LEAST_AHEAD:
             return None
@@ -131,6 +141,10 @@ class Queue:
         distances = np.linalg.norm(members.points[places] - self._last_point(), axis=1)
         case = self._cases[left[np.argmax(distances)]]
         return Ahead(self.plan.content(case), case.numbers, len(left))
+
+    def _choose_line(self) -> None:
+        if not (self._line[self._last] and (self._line & self._open).any()):
+            self._line = self._best_line()
 
     def _best_line(self) -> np.ndarray:
         """Return the cases on that line through the last one on which most cases are open."""
@@ -163,22 +177,53 @@ class Queue:
         return self._members[str(self._reuse_groups[self._last])]
 
     def _claim(self) -> Claim | None:
-        """Claim a case, the last one from now on, in one pass over those that seem to be open; ``None`` if all fail."""
+        """Return the claim of a case, the last one from now on; ``None`` if no open case can be had."""
+        if not self._block:
+            self._claim_block()
+        if not self._block:
+            return None
+        self._last, claim = self._block.popleft()
+        self._open[self._last] = False
+        return claim
+
+    def _claim_block(self) -> None:
+        """Claim the next cases, in one pass over those that seem to be open."""
         tried, refusals = ~self._open, 0
+        size = self._next_block_size()
         while not tried.all():
             # Cases with which processes died come last, so that the others are solved first.
             left = ~tried
-            number = self._nearest(left & (self._deaths == self._deaths[left].min()))
-            claim = self.ledger.claim(self._keys[number])
-            if claim is not None:
-                self._open[number], self._last = False, number
-                return claim
-            tried[number] = True
+            fewest = self._deaths[left].min()
+            numbers = self._chain(left & (self._deaths == fewest), 1 if fewest else size)
+            claims = {claim.key: claim for claim in self.ledger.claim_all(self._keys[number] for number in numbers)}
+            if claims:
+                self._block.extend((n, claims[self._keys[n]]) for n in numbers if self._keys[n] in claims)
+                self._block_size = size
+                return
+            tried[numbers] = True
             refusals += 1
             if refusals % _REFUSALS == 0:
                 self._read_states()
                 tried |= ~self._open
-        return None
+
+    def _next_block_size(self) -> int:
+        """Return the number of cases to claim at once: few at first, at the end, and where cases take long."""
+        share = int(self._open.sum()) // (_SHARES * max(self.ledger.holder_count(), 1))
+        pace = LONGEST_BLOCK * self._solved / self._seconds if self._seconds > 0 else MOST_CLAIMED
+        return max(1, int(min(2 * self._block_size, share, pace, MOST_CLAIMED)))
+
+    def _chain(self, eligible: np.ndarray, size: int) -> list[int]:
+        """Return the cases that are taken next, one after the other, if all eligible ones can be had."""
+        present = self._last, self._line, self._open.copy()
+        numbers = list[int]()
+        while eligible.any() and len(numbers) < size:
+            self._last = self._nearest(eligible)
+            eligible[self._last] = self._open[self._last] = False
+            numbers.append(self._last)
+            if len(numbers) < size:
+                self._choose_line()
+        self._last, self._line, self._open = present
+        return numbers
 
     def _nearest(self, eligible: np.ndarray) -> int:
         """Return the nearest case on the present line, else of its reuse group, else the first of the largest group."""

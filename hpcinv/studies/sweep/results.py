@@ -2,8 +2,6 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any
 
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger
@@ -12,7 +10,6 @@ from hpcinv.studies.sweep.sweep_plan import SweepPlan
 
 RETRY = "sweep retry --failed"
 _PROVENANCE = ("job", "fingerprint", "versions", "machine")
-_NEEDED = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
 
 
 def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | None = None) -> dict[str, CaseRecord]:
@@ -23,7 +20,7 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
     """
     keys = dict.fromkeys(plan.cases.keys)
     kept = {key: record for key, record in (known or {}).items() if record.converged}
-    kept |= {key: _short(record) for key, record in ledger.records(key for key in keys if key not in kept)}
+    kept |= dict(ledger.briefs(key for key in keys if key not in kept))
     return {key: kept[key] for key in keys if key in kept}
 
 
@@ -49,14 +46,3 @@ def provenance(plan: SweepPlan, ledger: Ledger) -> Iterator[str]:
     }
     for key in plan.cases.keys:
         yield lines.get(key, "{}")
-
-
-def _short(record: CaseRecord) -> CaseRecord:
-    """Return a record without the iterations of its solves, which would fill the memory for thousands of cases."""
-    statistics: dict[str, Any] = {key: record.statistics[key] for key in _NEEDED if key in record.statistics}
-    if solutions := record.statistics.get("solutions"):
-        counts = ("factorizations", "newton_iterations")
-        statistics["solutions"] = [{key: solution[key] for key in counts} for solution in solutions]
-    if certificate := record.statistics.get("certificate"):
-        statistics["certificate"] = {key: certificate[key] for key in ("verdict", "estimate")}
-    return replace(record, status=record.diagnosis, statistics=statistics)

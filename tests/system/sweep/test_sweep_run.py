@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 from helpers.command_line import PATIENCE, ROOT, Started, hpcinv, hpcinv_here
+from helpers.ledger_files import committed, damage
 from helpers.sweeps import BLOCK, records_of, write_sweep
 
 from hpcinv.base.parallel.runtime import MPI, on_root
@@ -259,8 +260,6 @@ def test_superseded_process_stops_writing(tmp_path: Path) -> None:
         sleeping = started.ranks()
         started.send(signal.SIGSTOP, sleeping)
         try:
-            (claim,) = tmp_path.glob("store/ledger/*/*.claim-1-1.json")
-            claim.write_text(claim.read_text().replace('"machine": "', '"machine": "another '))
             watch = liveness.Watch.is_dead
             with pytest.MonkeyPatch.context() as patch, Holder(plan.store) as holder:
                 patch.setattr(liveness.Watch, "is_dead", lambda *_: True)
@@ -307,7 +306,7 @@ def test_a_case_with_a_damaged_record_is_solved_again_by_the_next_start(tmp_path
     assert hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path).returncode == 0
     plan, before = load_sweep(sweep), records_of(sweep)
     key = plan.cases[2].key
-    (plan.store / "ledger" / key[:2] / f"{key}.record-1.json").write_bytes(b"")
+    damage(plan.store, key)
     done = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("1 × record damaged, or a file of the mesh has changed: the case is solved again") == 1
@@ -352,20 +351,19 @@ def test_a_file_is_refused_as_a_store(tmp_path: Path) -> None:
 
 def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
-    chance = random.Random(5)
+    chance, store = random.Random(5), tmp_path / "store"
     steps, count = {"strategy": "fixed", "steps": 20}, 10
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(count)]}}], set={"solver": steps}
     )
-    committed: dict[Path, tuple[int, bytes]] = {}
+    before: dict[tuple[str, int, int], bytes] = {}
     reported: list[str] = []
     kills = 0
     while kills < 3:
         with Started(1 + (kills % 2), "sweep", "run", sweep, cwd=tmp_path) as started:
-            before = len(committed)
             deadline = time.monotonic() + PATIENCE
             # Some are killed while they start, most while they work on a first or a second case.
-            while kills % 3 and len(_records(tmp_path)) <= before and started.mpirun.poll() is None:
+            while kills % 3 and committed(store).keys() <= before.keys() and started.mpirun.poll() is None:
                 assert time.monotonic() < deadline, started.text
                 time.sleep(0.002)
             time.sleep(chance.uniform(0.0, 0.2 if kills % 3 else 2.0))
@@ -373,19 +371,14 @@ def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path)
             started.kill()
             kills += 1
             reported += re.findall(r"(?<!first: )case (\d+), ", started.text)
-        for path in _records(tmp_path):
-            now = path.stat().st_ino, path.read_bytes()
-            assert committed.setdefault(path, now) == now
+        assert committed(store).items() >= before.items()
+        before = committed(store)
     ended = hpcinv_here("sweep", "run", sweep, "--no-isolation", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     reported += re.findall(r"(?<!first: )case (\d+), ", ended.stdout)
     assert len(reported) == len(set(reported)) <= count
-    assert all((path.stat().st_ino, path.read_bytes()) == now for path, now in committed.items())
+    assert committed(store).items() >= before.items()
     finished = [record for record in records_of(sweep).values() if record is not None]
-    assert len(finished) == count == len(_records(tmp_path))
+    assert len(finished) == count == len(committed(store))
     for number in (0, count - 1):
         assert top(records_of(sweep)[number]) == pytest.approx(alone(sweep, number), rel=1e-10)
-
-
-def _records(directory: Path) -> list[Path]:
-    return list(directory.glob("store/ledger/*/*.record-*.json"))

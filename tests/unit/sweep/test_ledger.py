@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
-import re
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -18,9 +18,11 @@ from helpers.ledger_files import (
     FAILED,
     KEY,
     OTHER,
-    files,
+    earlier_file,
+    entries,
     finished,
-    record_file,
+    lines,
+    shard_of,
 )
 
 from hpcinv.base.files import atomic
@@ -28,9 +30,10 @@ from hpcinv.base.parallel import processes
 from hpcinv.base.parallel.processes import Identity
 from hpcinv.errors import OutputError
 from hpcinv.studies.batch.ledger import liveness
-from hpcinv.studies.batch.ledger.case_record import CaseRecord, _sealed
+from hpcinv.studies.batch.ledger.case_record import CaseRecord, sealed
+from hpcinv.studies.batch.ledger.claims import CaseState
 from hpcinv.studies.batch.ledger.holder import Holder
-from hpcinv.studies.batch.ledger.ledger import CaseState, Ledger
+from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
 
 # What it keeps
 
@@ -63,7 +66,8 @@ def test_a_case_is_claimed_once_and_finished_once(ledger: Ledger, store: Path) -
     assert ledger.claim(KEY) is None
     assert ledger.states([KEY, OTHER]) == {KEY: CaseState("finished"), OTHER: CaseState("open")}
     assert dict(ledger.records([OTHER, KEY])) == {KEY: DONE}
-    assert files(store) == {"record-1.json"}
+    assert len(lines(store)) == 1
+    assert len(entries(store)) == 1
 
 
 def test_a_case_given_back_goes_on_with_what_was_saved(ledger: Ledger) -> None:
@@ -122,137 +126,172 @@ def test_late_claims_of_a_taken_case_fail(
             history(ledger, faster)
             return create(path, content)
 
-        monkeypatch.setattr("hpcinv.studies.batch.ledger.ledger.create", late)
-        assert ledger.claim(KEY) is None
-        state = ledger.states([KEY])[KEY]  # as if nothing had happened
-        assert state.name == {begun: "running", begun_again: "running", finished: "finished"}.get(history, "open")
-        assert (ledger.claim(KEY) is None) == (state.name != "open")
+        monkeypatch.setattr("hpcinv.studies.batch.ledger.log.create", late)
+        claim = ledger.claim(KEY)
+        expected = {begun: "running", begun_again: "running", finished: "finished"}.get(history)
+        assert (claim is None) == (expected is not None)
+        if expected is None:  # open again, so that the second attempt to claim it succeeds
+            assert claim is not None
+            assert ledger.commit(claim, DONE)
+        else:
+            assert ledger.states([KEY])[KEY].name == expected
 
 
 # What it does not believe
 
 
 WHOLE = DONE.encoded()
-WRONG_TYPE = b"whole, but with a word for a number"
 
 
 @pytest.mark.parametrize(
     "damaged",
     [
-        b"",
-        WHOLE[:-1],
-        WHOLE[: len(WHOLE) // 2],
-        WHOLE.replace(b"0.1", b"0.2"),
-        WHOLE.replace(b"0.1", b"\xff.1"),
-        WHOLE + b"\n",
-        bytes(len(WHOLE)),
-        b'{"record": {}}',
-        b"[]",
+        lambda line: line.replace(b"0.1", b"0.2"),
+        lambda line: line.replace(b"0.1", b"\xff.1"),
+        lambda line: line[:100] + bytes(len(line) - 101) + b"\n",
+        lambda line: line[:-40] + b"\n",
     ],
 )
 @pytest.mark.parametrize("at_once", [True, False])
-def test_a_damaged_record_is_not_believed_and_its_case_is_open(
-    at_once: bool, ledger: Ledger, store: Path, damaged: bytes
+def test_a_damaged_line_is_not_believed_and_its_case_is_open(
+    at_once: bool, ledger: Ledger, store: Path, damaged: Callable[[bytes], bytes]
 ) -> None:
     claim = ledger.claim(KEY)
     assert claim is not None
     ledger.commit(claim, DONE)
-    record_file(store).write_bytes(damaged)
+    [line] = lines(store)
+    shard_of(store).write_bytes(damaged(line))
+    with Holder(store) as other:
+        reader = Ledger(store, other)
+        assert reader.record(KEY) is None
+        assert dict(reader.records([KEY, OTHER])) == {}
+        assert reader.damaged([KEY, OTHER]) == [KEY]
+        assert len(entries(store)) == 1  # reading writes nothing
+        if at_once:
+            assert reader.reopen_damaged([KEY, OTHER]) == 1
+            assert reader.states([KEY])[KEY] == CaseState("open")
+            assert reader.damaged([KEY]) == []
+            assert reader.reopen_damaged([KEY]) == 0
+        again = reader.claim(KEY)
+        assert again is not None
+        assert again.round == 2
+        assert reader.commit(again, FAILED)
+        assert reader.record(KEY) == FAILED
+
+
+def test_a_whole_record_that_is_damaged_opens_its_case(ledger: Ledger, store: Path) -> None:
+    """The numbers of the table are in another file, and stay."""
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    ledger.commit(claim, DONE)
+    [whole] = (store / "ledger" / "records").glob("*.gz")
+    assert gzip.decompress(whole.read_bytes()) == DONE.encoded()
+    whole.write_bytes(whole.read_bytes()[:-9])
     assert ledger.record(KEY) is None
-    assert dict(ledger.records([KEY, OTHER])) == {}
-    assert ledger.damaged([KEY, OTHER]) == [KEY]
-    assert files(store) == {"record-1.json"}  # reading writes nothing
-    if at_once:
-        assert ledger.reopen_damaged([KEY, OTHER]) == 1
-        assert ledger.states([KEY])[KEY] == CaseState("open")
-        assert ledger.damaged([KEY]) == []
-        assert ledger.reopen_damaged([KEY]) == 0
-    assert record_file(store).read_bytes() == damaged  # left for who wants to know
+    assert dict(ledger.briefs([KEY])) == {KEY: DONE}
+    assert ledger.damaged([KEY]) == [KEY]
     again = ledger.claim(KEY)
     assert again is not None
-    assert ledger.commit(again, FAILED)
-    assert ledger.record(KEY) == FAILED
+    assert again.round == 2
+
+
+@pytest.mark.parametrize("tail", [b'{"case": {"key": "', WHOLE[:20], bytes(300)])
+def test_an_incomplete_last_line_is_left_out_and_overwritten(ledger: Ledger, store: Path, tail: bytes) -> None:
+    for key in (KEY, OTHER):
+        claim = ledger.claim(key)
+        assert claim is not None
+        if key == OTHER:
+            with shard_of(store).open("ab") as file:
+                file.write(tail)  # as of a write that failed
+            assert dict(ledger_of(store).records([KEY, OTHER])) == {KEY: DONE}
+        ledger.commit(claim, DONE)
+    assert dict(ledger_of(store).records([KEY, OTHER])) == {KEY: DONE, OTHER: DONE}
 
 
 def test_further_entries_of_a_newer_version_are_ignored(ledger: Ledger, store: Path) -> None:
     claim = ledger.claim(KEY)
     assert claim is not None
     ledger.commit(claim, DONE)
-    content = json.loads(record_file(store).read_bytes())["record"]
-    newer = _sealed(json.dumps({"of a newer version": [1]} | content).encode())
-    record_file(store).write_bytes(newer)
-    assert ledger.record(KEY) == DONE
-    assert dict(ledger.records([KEY, OTHER])) == {KEY: DONE}
-    assert ledger.damaged([KEY]) == []
-    assert ledger.reopen_damaged([KEY]) == 0
-    assert ledger.claim(KEY) is None
-    assert record_file(store).read_bytes() == newer
+    content = json.loads(lines(store)[0])["case"]
+    newer = sealed("case", content | {"of a newer version": [1]})
+    shard_of(store).write_bytes(newer)
+    with Holder(store) as other:
+        reader = Ledger(store, other)
+        assert reader.record(KEY) == DONE
+        assert dict(reader.records([KEY, OTHER])) == {KEY: DONE}
+        assert reader.damaged([KEY]) == []
+        assert reader.reopen_damaged([KEY]) == 0
+        assert reader.claim(KEY) is None
+    assert shard_of(store).read_bytes() == newer
 
 
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        (b'{"status": "converged"}', "it has no 'advice', 'statistics', 'seconds', 'attempts'"),
-        (b"[]", "it is not a mapping"),
-        (b"{", "it is not JSON"),
-    ],
-)
-def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(
-    ledger: Ledger, store: Path, content: bytes, what: str
-) -> None:
+@pytest.mark.parametrize("is_earlier", [False, True])
+def test_a_whole_record_that_cannot_be_read_is_of_another_version_and_is_kept(is_earlier: bool, store: Path) -> None:
     """Its digest shows that it is as it was written: nothing is solved again."""
-    claim = ledger.claim(KEY)
-    assert claim is not None
-    ledger.commit(claim, DONE)
-    record_file(store).write_bytes(_sealed(content))
-    uses: list[Callable[[], object]] = [
-        lambda: ledger.record(KEY),
-        lambda: dict(ledger.records([KEY])),
-        lambda: ledger.damaged([KEY]),
-        lambda: ledger.reopen_damaged([KEY]),
-        lambda: ledger.claim(KEY),
-        lambda: ledger.retry(KEY),
-    ]
-    for use in uses:
-        with pytest.raises(OutputError) as refused:
-            use()
-        assert str(record_file(store)) in refused.value.message
-        assert f"another version of hpcinv wrote it: {what}" in refused.value.message
-        assert "choose another 'store'" in refused.value.advice
-    assert files(store) == {"record-1.json"}
-    assert record_file(store).read_bytes() == _sealed(content)
+    what = "it has no 'advice', 'statistics', 'seconds', 'attempts'"
+    with Holder(store) as me:
+        if is_earlier:
+            file = earlier_file(store)
+            file.write_bytes(sealed("record", {"status": "converged"}))
+        else:
+            ledger = Ledger(store, me)
+            claim = ledger.claim(KEY)
+            assert claim is not None
+            ledger.commit(claim, DONE)
+            file = shard_of(store)
+            data = json.loads(lines(store)[0])["case"]
+            file.write_bytes(sealed("case", data | {"brief": {"status": "converged"}}))
+            [whole] = file.parent.glob("*.gz")
+            content = gzip.compress(sealed("record", {"status": "converged"}), mtime=0)
+            whole.write_bytes(content)
+            data |= {"brief": {"status": "converged"}, "at": [0, len(content)]}
+            file.write_bytes(sealed("case", data))
+        before = {path: path.read_bytes() for path in (store / "ledger").rglob("*") if path.is_file()}
+        reader = Ledger(store, me)
+        uses: list[Callable[[], object]] = [
+            lambda: reader.record(KEY),
+            lambda: dict(reader.records([KEY])),
+            lambda: dict(reader.briefs([KEY])),
+            lambda: reader.damaged([KEY]),
+            lambda: reader.reopen_damaged([KEY]),
+            lambda: reader.claim(KEY),
+            lambda: reader.retry(KEY),
+        ]
+        for use in uses:
+            with pytest.raises(OutputError) as refused:
+                use()
+            assert str(file.parent) in refused.value.message
+            assert f"another version of hpcinv wrote it: {what}" in refused.value.message
+            assert "choose another 'store'" in refused.value.advice
+    assert {path: path.read_bytes() for path in (store / "ledger").rglob("*") if path.is_file()} == before
 
 
-@pytest.mark.parametrize(
-    "damaged", [b"", b'{"holder": {"token": "x"', b'{"holder": {"token": "x"}}', b"[1]", WRONG_TYPE]
-)
-def test_a_damaged_claim_lasts_as_long_as_the_lease(
-    ledger: Ledger, store: Path, clock: Callable[[float], None], damaged: bytes
+@pytest.mark.parametrize("damaged", [b"", b'{"entry": {"claims": [["', b"[1]"])
+def test_an_incomplete_last_entry_lasts_as_long_as_the_lease(
+    store: Path, clock: Callable[[float], None], damaged: bytes
 ) -> None:
-    ledger.claim(KEY)
-    file = store / "ledger" / "ab" / f"{KEY}.claim-1-1.json"
-    file.write_bytes(re.sub(rb'"pid": (\d+)', rb'"pid": "\1"', file.read_bytes()) if damaged is WRONG_TYPE else damaged)
-    assert ledger.claim(KEY) is None
-    assert ledger.states([KEY])[KEY] == CaseState("running", "unknown")
-    clock(liveness.LEASE - 0.1)
-    assert ledger.claim(KEY) is None
-    clock(0.1)
-    claim = ledger.claim(KEY)
-    assert claim is not None
-    assert claim.died == 1
+    """As a process leaves it that is killed on a file system without hard links."""
+    with Holder(store) as me:
+        ledger = Ledger(store, me)
+        (store / "ledger" / "log" / "00000001.json").write_bytes(damaged)
+        assert ledger.claim(KEY) is None
+        assert ledger.states([KEY])[KEY] == CaseState("open")
+        clock(liveness.LEASE - 0.1)
+        assert ledger.claim(KEY) is None
+        clock(0.1)
+        claim = ledger.claim(KEY)
+        assert claim is not None
+        assert ledger.commit(claim, DONE)
+    assert ledger_of(store).record(KEY) == DONE  # at once: whoever wrote the next entry has waited
 
 
-def test_partial_files_are_ignored_and_removed_with_the_record(ledger: Ledger, store: Path) -> None:
-    directory = store / "ledger" / "ab"
-    directory.mkdir()
-    for name in ("record-1.json", "claim-1-7.json", "reopened-4.json", "released-1-1"):
-        (directory / f".{KEY}.{name}.0a1b.partial").write_bytes(WHOLE[:20])
-    (directory / ".nfs0000012").touch()
+def test_partial_files_are_ignored(ledger: Ledger, store: Path) -> None:
+    (store / "ledger" / "log" / ".00000001.json.0a1b.partial").write_bytes(WHOLE[:20])
+    (store / "ledger" / "records" / ".nfs0000012").touch()
     claim = ledger.claim(KEY)
     assert claim is not None
-    assert (claim.round, claim.attempt) == (1, 1)
-    ledger.commit(claim, DONE)
-    assert files(store) == {"record-1.json", ".nfs0000012"}
+    assert ledger.commit(claim, DONE)
+    assert ledger.record(KEY) == DONE
 
 
 # Whom it takes for dead
@@ -268,6 +307,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
         now += seconds
 
     monkeypatch.setattr(liveness, "monotonic", lambda: now)
+    monkeypatch.setattr("hpcinv.studies.batch.ledger.log.monotonic", lambda: now)
     return advance
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import pytest
 import yaml
+from helpers.ledger_files import damage
 from helpers.sweep_report_cases import DENSITY, MU, NO_EQUILIBRIUM, bad, good, plan
 from helpers.sweeps import BLOCK, finish
 from rich.console import Console
@@ -340,9 +341,9 @@ def test_a_store_of_another_format_is_refused_by_all_commands(
 ) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
     sweep_plan.store.mkdir()
-    (sweep_plan.store / "store.json").write_text('{"format": "hpcinv store 2"}')
+    (sweep_plan.store / "store.json").write_text('{"format": "hpcinv store 99"}')
     assert main(["sweep", command[0], str(sweep_plan.path), *command[1:]]) == 2
-    assert capsys.readouterr().err.count("store.json: the format is hpcinv store 2, not hpcinv store 1") == 1
+    assert capsys.readouterr().err.count("store.json: the format is hpcinv store 99, not hpcinv store 2") == 1
     assert [path.name for path in sweep_plan.store.iterdir()] == ["store.json"]
 
 
@@ -353,7 +354,7 @@ def test_damaged_records_are_reported_and_nothing_is_written(
     for case in sweep_plan.cases:
         commit(case, good())
     for case in sweep_plan.cases[:2]:
-        (sweep_plan.store / "ledger" / case.key[:2] / f"{case.key}.record-1.json").write_bytes(b"{")
+        damage(sweep_plan.store, case.key)
     before = sorted(sweep_plan.store.rglob("*"))
     assert main(["sweep", "status", str(sweep_plan.path)]) == 0
     shown = capsys.readouterr().out

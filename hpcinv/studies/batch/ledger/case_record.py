@@ -1,12 +1,15 @@
-"""Record of a finished case, and its file: JSON with a digest that detects damage."""
+"""Record of a finished case as JSON text, and the digest that detects damage of such a text."""
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Self
 
 from hpcinv.base.files.json_data import json_data
+from hpcinv.errors import OutputError
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,27 @@ class CaseRecord:
         """Error estimate of the certificate; empty without one."""
         return self.statistics.get("certificate", {}).get("estimate") or {}
 
+    def brief(self) -> Self:
+        """Return the record with the numbers that tables show, without the iterations of its solves."""
+        statistics: dict[str, Any] = {key: self.statistics[key] for key in _BRIEF if key in self.statistics}
+        if solutions := self.statistics.get("solutions"):
+            statistics["solutions"] = [{key: solution.get(key, 0) for key in _COUNTS} for solution in solutions]
+        if certificate := self.statistics.get("certificate"):
+            statistics["certificate"] = {key: certificate.get(key) for key in ("verdict", "estimate")}
+        return replace(self, status=self.diagnosis, statistics=statistics)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON data; numbers that are not finite become null, tuples lists."""
+        data: dict[str, Any] = json_data(asdict(self))
+        return data
+
     def encoded(self) -> bytes:
-        """Return the content of its file; numbers that are not finite become null, tuples lists."""
-        return _sealed(json.dumps(json_data(asdict(self)), ensure_ascii=False).encode())
+        """Return it as a line of text with a digest."""
+        return sealed("record", self.as_json())
 
     @classmethod
     def decoded(cls, data: bytes) -> Self:
-        """Return the record in the content of a file.
+        """Return the record in a line of text.
 
         Unknown entries come from a newer version, and are ignored: a version that changes what the
         known ones mean changes the format of the store (`store`).
@@ -74,13 +91,11 @@ class CaseRecord:
             ValueError: it is damaged.
             OtherVersionError: it is whole, but lacks entries that are needed.
         """
-        content = data[len(_BEFORE) : -len(_AFTER % _digest(b""))]
-        if data != _sealed(content):
-            raise ValueError("the digest does not match")
-        try:
-            entry_data = json.loads(content)
-        except ValueError as error:
-            raise OtherVersionError("it is not JSON") from error
+        return cls.from_json(unsealed("record", data))
+
+    @classmethod
+    def from_json(cls, entry_data: Any) -> Self:
+        """Return the record in JSON data; raises ``OtherVersionError`` as `decoded`."""
         if not isinstance(entry_data, dict):
             raise OtherVersionError("it is not a mapping")
         entries = fields(cls)
@@ -95,11 +110,58 @@ class OtherVersionError(Exception):
     """A record is as it was written, by a version of hpcinv whose records cannot be read here."""
 
 
-_BEFORE, _AFTER = b'{"record": ', b', "sha256": "%s"}\n'
+@contextlib.contextmanager
+def refusing_other_versions(file: Path) -> Iterator[None]:
+    """Turn an ``OtherVersionError`` into an ``OutputError``: the case must not be solved again in its place."""
+    try:
+        yield
+    except OtherVersionError as error:
+        raise OutputError(
+            f"{file}: another version of hpcinv wrote it: {error}",
+            "Use that version, or choose another 'store'; nothing was changed.",
+        ) from None
 
 
-def _sealed(content: bytes) -> bytes:
-    return _BEFORE + content + _AFTER % _digest(content)
+_BRIEF = ("machine", "mesh", "quantities", "sensitivities", "peak_memory")
+_COUNTS = ("factorizations", "newton_iterations")
+_AFTER = b', "sha256": "%s"}\n'
+
+
+def sealed(name: str, data: Any) -> bytes:
+    """Return JSON data as a line of text, under a name and with a digest."""
+    return _sealed(name, json.dumps(data, ensure_ascii=False).encode())
+
+
+def unsealed(name: str, line: bytes) -> Any:
+    """Return the data in a line of `sealed`.
+
+    Raises:
+        ValueError: the line is damaged.
+        OtherVersionError: it is as it was written, but is not JSON.
+    """
+    if not is_sealed(name, line):
+        raise ValueError("the digest does not match")
+    try:
+        return json.loads(_content(name, line))
+    except ValueError as error:
+        raise OtherVersionError("it is not JSON") from error
+
+
+def _sealed(name: str, content: bytes) -> bytes:
+    return _before(name) + content + _AFTER % _digest(content)
+
+
+def is_sealed(name: str, line: bytes) -> bool:
+    """Return whether a line is as `sealed` returned it."""
+    return line == _sealed(name, _content(name, line))
+
+
+def _content(name: str, line: bytes) -> bytes:
+    return line[len(_before(name)) : -len(_AFTER % _digest(b""))]
+
+
+def _before(name: str) -> bytes:
+    return b'{"%s": ' % name.encode()
 
 
 def _digest(content: bytes) -> bytes:

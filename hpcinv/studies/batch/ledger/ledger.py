@@ -1,107 +1,23 @@
-"""Ledger of a store: finished cases, and the processes that work on others, in any number of allocations at once.
+"""Access of a process to the cases of a store: it claims them, commits their records, and reads all."""
 
-The state of a case is the set of its files. Each is created once, whole and exclusively (`atomic`), and never
-changed:
-
-- ``KEY.claim-R-N.json``: claim N in round R, and its holder; ``KEY.released-R-N``: it was released.
-- ``KEY.crashed-R-N.json``: its process crashed, and how, as its supervisor noted.
-- ``KEY.record-R.json``: how the case ended. A round has one at most.
-- ``KEY.reopened-R.json``: round R has begun, since the record of the round before is damaged, or its case is to be
-  tried again. Round 1 has no such file.
-
-Reading writes nothing: a case with a damaged record is opened again when it is claimed, or when a sweep starts.
-
-A case is finished if its latest round has a record. Else it is open; it is held if its last claim was not released and
-the holder of that is not dead (`liveness`).
-
-**Nothing is done twice.** *While a round is open, its last claim is not removed*: claims are removed after the record
-is written. To claim a case, a process reads the files, finds that claim N was released or that its holder is dead,
-creates claim N + 1 exclusively, and reads the files again: the round must still be the latest, with no record and no
-later claim. The first reading has found all claims, unless they were being removed; but then there was a record, which
-the second reading finds. So the claims of an open round are a chain: each is made by one process, after the one before
-has ended. A process that was taken for dead and continues finds, when it commits, that its claim is not the last, and
-when it saves, that its run directory was renamed. If it commits at the same time as its successor, one of them creates
-the record, and `commit` returns ``False`` to the other.
-
-**Nothing is lost.** Whenever a process is killed, it leaves nothing, a partial file with a unique name, a claim without
-a living holder, or a whole record. None of these has to be repaired. The checkpoints of its run are in the run
-directory, which the next claim renames.
-"""
-
-import contextlib
-import json
+import random
 import shutil
+import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from hpcinv.base.files.atomic import create, make_directory, publish
 from hpcinv.base.files.inputs import changed_inputs
 from hpcinv.base.files.saved_mark import mark_saved
-from hpcinv.base.parallel.processes import Identity
-from hpcinv.errors import OutputError
-from hpcinv.studies.batch.ledger.case_record import CaseRecord, OtherVersionError
-from hpcinv.studies.batch.ledger.history import Histories, History
+from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.ledger.claims import CaseState, Claim
+from hpcinv.studies.batch.ledger.history import Mark
 from hpcinv.studies.batch.ledger.holder import Holder
-from hpcinv.studies.batch.ledger.liveness import LEASE, Watch
-from hpcinv.studies.batch.ledger.store import RUNS, as_output_error, check_format
-
-DEADLY = 5
-"""Number of processes that died with a case after which the case has failed.
-
-A process can also die with its allocation, so one or two deaths do not mean that the case is the cause.
-"""
-
-LOST = 25
-"""Number of processes that died together with their supervisor after which the case has failed.
-
-A supervisor survives a crash of its case, so this is most likely a kill of the whole allocation.
-"""
-
-KILLED = "ended by SIGKILL"
-"""End of a process that was killed, perhaps since another process has used up the memory."""
-
-CRASHES = 2
-"""Number of crashes, noted by a supervisor, after which the case has failed."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """The right to work on a case.
-
-    Attributes:
-        round, attempt: number of the round, and of the claim in it, both from 1.
-        died: number of earlier attempts that ended with their process.
-        lost: number of further attempts that ended together with their supervisor.
-        crashes: for each earlier attempt that crashed its process, how the process ended.
-        run: directory of checkpoints and results, also of earlier attempts; it need not exist.
-    """
-
-    key: str
-    round: int
-    attempt: int
-    died: int
-    run: Path
-    crashes: tuple[str, ...] = ()
-    lost: int = 0
-
-
-@dataclass(frozen=True)
-class CaseState:
-    """State of a case.
-
-    Attributes:
-        holder: the process that works on it, for display.
-        died: number of attempts at an open case that ended with their process.
-        living: whether it is certain that the holder is alive.
-    """
-
-    name: Literal["open", "running", "finished"]
-    holder: str = ""
-    died: int = 0
-    living: bool = False
+from hpcinv.studies.batch.ledger.liveness import LEASE
+from hpcinv.studies.batch.ledger.store import as_output_error, check_format
+from hpcinv.studies.batch.ledger.view import View
 
 
 class Ledger:
@@ -129,205 +45,226 @@ class Ledger:
     ) -> None:
         self.path, self.holder, self.lease, self.supervised = path, holder, lease, supervised
         self.home_of = home_of
-        self._files, self._watch = Histories(path), Watch(path, holder.identity, lease)
+        self._view = View(path, holder.identity, lease)
+        self._held: dict[Mark, Claim] = {}
 
     def directory(self, key: str) -> Path:
         """Return the directory of the runs of a case; ``claim.run`` is the directory of one claim."""
-        return self.path / RUNS / key[:2] / key
+        return self._view.directory(key)
 
     def record(self, key: str) -> CaseRecord | None:
         """Return the record of a case; ``None`` if it is not finished, or its record is damaged."""
-        return self._read_record(key, self._files.history(key))
+        return dict(self.records([key])).get(key)
 
     def records(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
-        """Yield key and record of each case that is finished and not damaged, with few directory scans."""
-        for key, history in self._files.histories(keys).items():
-            if (record := self._read_record(key, history)) is not None:
-                yield key, record
+        """Yield key and record of each case that is finished and not damaged."""
+        self._view.read()
+        whole = ((key, record) for key in keys if (record := self._view.records.whole(key)) is not None)
+        return self._usable(whole)
+
+    def briefs(self, keys: Iterable[str]) -> Iterator[tuple[str, CaseRecord]]:
+        """Yield the same with `CaseRecord.brief` of each record, which takes less time and memory."""
+        self._view.read()
+        return self._usable(self._view.records.briefs(keys))
 
     def damaged(self, keys: Iterable[str]) -> list[str]:
         """Return the keys of cases whose record is damaged, so that they count as open."""
-        return [key for key, history in self._files.histories(keys).items() if self._damage(key, history)]
+        self._view.read()
+        return [*self._damages(keys)]
 
     def reopen_damaged(self, keys: Iterable[str]) -> int:
         """Open the cases with damaged records again, as `claim` does; return their number."""
-        return sum(self._reopen_damaged(key, history) for key, history in self._files.histories(keys).items())
+        keys = [*keys]
+
+        def entry() -> dict[str, Any] | None:
+            self._view.read()
+            damages = self._damages(keys)
+            reopened = [self._view.next_round(key) for key in damages]
+            return {"reopened": reopened, "why": [*damages.values()]} if reopened else None
+
+        added = self._add(entry)
+        return 0 if added is None else len(added["reopened"])
 
     def claim(self, key: str) -> Claim | None:
         """Claim a case; return ``None`` at once if it is finished or its holder is, or may be, alive.
 
         A case with a damaged record is opened again.
         """
+        return next(iter(self.claim_all([key])), None)
+
+    def claim_all(self, keys: Iterable[str]) -> list[Claim]:
+        """Claim a block of cases, and return those that can be had; this process works on them in this order."""
         assert self.holder.is_beating
-        history = self._files.history(key)
-        if self._reopen_damaged(key, history):
-            history = self._files.history(key)
-        if history.finished or self._is_held(key, history):
-            return None
-        attempt = history.claims + 1
-        file = self._files.file(key, f"claim-{history.round}-{attempt}.json")
-        content = {
-            "holder": self.holder.identity.as_json(),
-            "since": datetime.now(UTC).isoformat(timespec="seconds"),
-            "supervised": self.supervised,
-        }
-        with as_output_error(file):
-            make_directory(file.parent)
-            if not create(file, json.dumps(content).encode()):
-                return None
-        run = self.directory(key) / f"run-{history.round}-{attempt}"
-        lost = self._lost(key, history)
-        claim = Claim(key, history.round, attempt, history.unreleased - lost, run, self._crashes(key, history), lost)
-        if not _is_last(claim, self._files.history(key)):
-            with as_output_error(file):
-                file.unlink(missing_ok=True)
-            return None
-        if attempt > 1:
-            self._take_over(claim, history)
-        return claim
+        keys = [*keys]
+        claims: list[Claim] = []
+        predecessors: list[str] = []
+
+        def entry() -> dict[str, Any] | None:
+            self._view.read_log()
+            wanted = [key for key in keys if self._view.may_claim(key)]
+            reopened = [self._view.next_round(key) for key in wanted if self._view.records.damage(key)]
+            released = [mark for key in wanted if (mark := self._view.never_begun(key))]
+            claims[:] = [self._view.claim_of(key, *released) for key in wanted]
+            predecessors[:] = {token for key in wanted for token in self._view.histories.of(key).holders}
+            marks = [claim.mark for claim in claims]
+            return self._claims(marks) | {"reopened": reopened, "released": released} if marks else None
+
+        if self._add(entry, gives_up=True) is None:
+            return []
+        self._view.records.read(predecessors)  # of holders that were taken for dead
+        granted = [claim for claim in claims if self._view.is_last(claim)]
+        self._held |= {claim.mark: claim for claim in granted}
+        for claim in granted:
+            if claim.attempt > 1:
+                self._take_over(claim)
+        return granted
 
     def commit(self, claim: Claim, record: CaseRecord) -> bool:
         """Write the record of a claimed case; ``False`` if another process has claimed or recorded the case."""
-        file = self._files.file(claim.key, f"record-{claim.round}.json")
-        with as_output_error(file):
-            file.parent.stat()  # raises if the store was removed, which otherwise looks like an empty one
-            history = self._files.history(claim.key)
-            if not _is_last(claim, history) or not publish(file, record.encoded()):
-                return False
-            for name in history.temporary:
-                (file.parent / name).unlink(missing_ok=True)
+        if claim.mark not in self._held:
+            return self._commit_for_holder(claim, record)
+        self._view.records.add(claim.mark, record)
+        del self._held[claim.mark]
         mark_saved()
-        return True
+        self._view.read_log()
+        return self._view.histories.counts(claim.mark)
 
     def holds(self, claim: Claim) -> bool:
         """Return whether a claim is still the last one of an open case."""
-        return _is_last(claim, self._files.history(claim.key))
+        self._view.read()
+        return self._view.is_last(claim)
 
-    def release(self, claim: Claim) -> None:
-        """Release an unfinished case; its checkpoints are kept, and the claim does not count as died."""
-        file = self._files.file(claim.key, f"released-{claim.round}-{claim.attempt}")
-        with as_output_error(file):
-            create(file, b"")
+    def release(self, *claims: Claim) -> None:
+        """Release unfinished cases; their checkpoints are kept, and the claims do not count as died.
+
+        Claims of another process, which has ended, are released with the rest of its block.
+        """
+
+        def entry() -> dict[str, Any] | None:
+            self._view.read()
+            released = [claim.mark for claim in claims if self._view.is_last(claim)]
+            rest = [mark for key, *_ in released for mark in self._view.rest_of_block(key) if mark not in self._held]
+            return {"released": [*dict.fromkeys([*released, *rest])]} if released else None
+
+        self._add(entry)
+        for claim in claims:
+            self._held.pop(claim.mark, None)
+
+    def close(self) -> None:
+        """Release all cases that this process holds, and close its files."""
+        self._view.records.close()
+        if self._held:
+            self.release(*self._held.values())
+
+    def holder_count(self) -> int:
+        """Return the number of processes that work on cases of the store, with dead ones that nobody has noticed."""
+        return self._view.watch.heartbeat_count()
 
     def crashed(self, claim: Claim, how: str) -> None:
         """Note that the process of a claim, which is known to have ended, crashed with the case."""
-        file = self._files.file(claim.key, f"crashed-{claim.round}-{claim.attempt}.json")
-        with as_output_error(file):
-            create(file, json.dumps({"how": how}).encode())
 
-    def retry(self, key: str) -> bool:
-        """Open a failed case again: its record is kept, its runs are removed. Return whether that was done."""
-        history = self._files.history(key)
-        record = self._read_record(key, history)
-        if record is None or record.converged or not self._reopen(key, history, "it failed"):
-            return False
-        for run in self._runs(key, history.round):
-            shutil.rmtree(run, ignore_errors=True)
-        return True
+        def entry() -> dict[str, Any]:
+            self._view.read_log()
+            return {"crashed": [claim.mark], "how": how}
+
+        self._add(entry)
+
+    def retry(self, *keys: str) -> list[str]:
+        """Open failed cases again, and return their keys: their records are kept, their runs are removed."""
+        rounds: dict[str, int] = {}
+
+        def entry() -> dict[str, Any] | None:
+            failed = [key for key, record in self.briefs(keys) if not record.converged]
+            rounds.clear()
+            rounds.update((key, self._view.histories.of(key).round) for key in failed)
+            reopened = [self._view.next_round(key) for key in failed]
+            return {"reopened": reopened, "why": "it failed"} if reopened else None
+
+        self._add(entry)
+        for key, number in rounds.items():
+            for run in runs_in(self.directory(key), number):
+                shutil.rmtree(run, ignore_errors=True)
+        return [*rounds]
 
     def states(self, keys: Iterable[str]) -> dict[str, CaseState]:
-        """Return the state of each case; claims nothing, and scans few directories."""
-        return {key: self._state(key, history) for key, history in self._files.histories(keys).items()}
+        """Return the state of each case; claims nothing."""
+        self._view.read()
+        return {key: self._view.state(key) for key in keys}
 
-    def _state(self, key: str, history: History) -> CaseState:
-        if history.finished:
-            return CaseState("finished")
-        if not history.is_claimed:
-            return CaseState("open", died=history.unreleased)
-        holder = self._last_holder(key, history)
-        if self._is_dead(holder, key, history):
-            return CaseState("open", died=history.unreleased)
-        living = holder is not None and self._watch.is_living(holder)
-        return CaseState("running", str(holder or "unknown"), history.unreleased - 1, living)
+    def _add(self, entry: Callable[[], dict[str, Any] | None], *, gives_up: bool = False) -> dict[str, Any] | None:
+        """Add an entry to the log, made anew whenever another process was faster; ``None`` if there is none to add.
 
-    def _is_held(self, key: str, history: History) -> bool:
-        """Return whether an open case has a holder who is, or may be, alive."""
-        return history.is_claimed and not self._is_dead(self._last_holder(key, history), key, history)
-
-    def _is_dead(self, holder: Identity | None, key: str, history: History) -> bool:
-        if holder is None:
-            return self._watch.is_abandoned(f"{key}, round {history.round}, claim {history.claims}")
-        return self._watch.is_dead(holder)
-
-    def _last_holder(self, key: str, history: History) -> Identity | None:
-        """Return the holder of the last claim; ``None`` if the claim is damaged or was removed meanwhile."""
-        with contextlib.suppress(ValueError):
-            return Identity.from_json(self._entry(key, f"claim-{history.round}-{history.claims}", "holder"))
-        return None
-
-    def _lost(self, key: str, history: History) -> int:
-        """Return the number of claims that ended without a note of the supervisor that they had."""
-        ended = {*range(1, history.claims + 1)} - history.released - history.crashed
-        return sum(self._entry(key, f"claim-{history.round}-{number}", "supervised") is True for number in ended)
-
-    def _crashes(self, key: str, history: History) -> tuple[str, ...]:
-        reasons = (self._entry(key, f"crashed-{history.round}-{number}", "how") for number in sorted(history.crashed))
-        return tuple("not known how" if how is None else str(how) for how in reasons)
-
-    def _entry(self, key: str, name: str, entry: str) -> Any:
-        """Return an entry of one of a case's files; ``None`` if the file is damaged or was removed meanwhile."""
-        file = self._files.file(key, f"{name}.json")
-        with as_output_error(file), contextlib.suppress(FileNotFoundError, ValueError, KeyError, TypeError):
-            return json.loads(file.read_bytes())[entry]
-        return None
-
-    def _read_record(self, key: str, history: History) -> CaseRecord | None:
-        if not history.finished:
-            return None
-        with contextlib.suppress(ValueError):
-            return self._decoded(key, history)
-        return None
-
-    def _decoded(self, key: str, history: History) -> CaseRecord:
-        """Return the record of a finished case; raise ``ValueError`` if it is damaged, or a file of its mesh changed.
-
-        Raises:
-            OutputError: another version wrote it, so that the case must not be solved again in its place.
+        Args:
+            gives_up: whether to return ``None`` while the entry of another process is incomplete.
         """
-        file = self._files.file(key, f"record-{history.round}.json")
-        try:
-            with as_output_error(file):
-                record = CaseRecord.decoded(file.read_bytes())
-            if (home := self.home_of(key)) is not None and (changed := changed_inputs(record.inputs, home)):
-                raise ValueError(f"{home / changed[0]} has changed since the mesh was made from it")
-            return record
-        except OtherVersionError as error:
-            raise OutputError(
-                f"{file}: another version of hpcinv wrote it: {error}",
-                "Use that version, or choose another 'store'; nothing was changed.",
-            ) from None
+        attempt = 0
+        while (content := entry()) is not None and not self._view.log.add(content):
+            length = self._view.log.length
+            self._view.read_log()
+            if gives_up and self._view.log.length == length:
+                return None
+            attempt += 1
+            time.sleep(random.uniform(0, min(0.001 * 2**attempt, 0.5)))
+        if content is not None:
+            self._view.read_log()
+        return content
 
-    def _damage(self, key: str, history: History) -> str:
-        """Return in what way the record of a case is damaged; empty if it is not, or there is none."""
-        try:
-            if history.finished:
-                self._decoded(key, history)
-        except ValueError as error:
-            return str(error)
-        return ""
+    def _commit_for_holder(self, claim: Claim, record: CaseRecord) -> bool:
+        """Write the record of a claim of another process, whose supervisor this process is: as its successor."""
+        own = claim.key, claim.round, claim.attempt + 1
 
-    def _reopen_damaged(self, key: str, history: History) -> bool:
-        why = self._damage(key, history)
-        return bool(why) and self._reopen(key, history, f"its record cannot be used: {why}")
+        def entry() -> dict[str, Any] | None:
+            self._view.read()
+            rest = self._view.rest_of_block(claim.key)
+            return self._claims([own]) | {"released": rest} if self._view.is_last(claim) else None
 
-    def _reopen(self, key: str, history: History, why: str) -> bool:
-        """Begin the next round; ``False`` if another process has done so."""
-        file = self._files.file(key, f"reopened-{history.round + 1}.json")
-        with as_output_error(file):
-            return publish(file, json.dumps({"why": why}).encode())
+        if self._add(entry) is None:
+            return False
+        self._view.records.read_all()
+        if self._view.records.is_finished(claim.key):
+            return False
+        self._view.records.add(own, record)
+        self._view.read_log()
+        return self._view.histories.counts(own)
 
-    def _runs(self, key: str, number: int) -> list[Path]:
-        runs = self.directory(key).glob(f"run-{number}-*")
-        return sorted(runs, key=lambda run: int(run.name.rpartition("-")[2]))
+    def _claims(self, marks: list[Mark]) -> dict[str, Any]:
+        """Return an entry of the log in which this process claims cases."""
+        return {
+            "holder": self.holder.identity.as_json(),
+            "since": datetime.now(UTC).isoformat(timespec="seconds"),
+            "supervised": self.supervised,
+            "claims": marks,
+        }
 
-    def _take_over(self, claim: Claim, history: History) -> None:
+    def _usable(self, records: Iterable[tuple[str, CaseRecord]]) -> Iterator[tuple[str, CaseRecord]]:
+        """Yield the records whose meshes were made from the files that are there now."""
+        for key, record in records:
+            if not self._changed_input(key, record):
+                yield key, record
+
+    def _changed_input(self, key: str, record: CaseRecord) -> str:
+        home = self.home_of(key) if record.inputs else None
+        changed = [] if home is None else changed_inputs(record.inputs, home)
+        return f"{home / changed[0]} has changed since the mesh was made from it" if home and changed else ""
+
+    def _damages(self, keys: Iterable[str]) -> dict[str, str]:
+        """Return in what way the records of cases are damaged, by key; note them as damaged."""
+        keys = [*keys]
+        for key, record in self._view.records.briefs(keys):
+            if why := self._changed_input(key, record):
+                self._view.records.note_damage(key, why)
+        damages = {key: self._view.records.damage(key) for key in keys}
+        return {key: f"its record cannot be used: {why}" for key, why in damages.items() if why}
+
+    def _take_over(self, claim: Claim) -> None:
         """Rename the run directory of earlier attempts to the claim's, so that they can no longer write to it."""
         with as_output_error(claim.run):
-            if runs := self._runs(claim.key, claim.round):
-                runs[-1].rename(claim.run)
-            holder = self._last_holder(claim.key, history)
-            if history.is_claimed and holder is not None:
-                self._watch.remove_heartbeat(holder)
+            if runs := runs_in(self.directory(claim.key), claim.round):
+                with suppress(FileNotFoundError):  # a later successor was faster
+                    runs[-1].rename(claim.run)
+            for token in {*self._view.histories.of(claim.key).holders} - {self.holder.identity.token, ""}:
+                if self._view.is_dead(token):
+                    self._view.watch.remove_heartbeat(self._view.histories.identities[token])
 
 
 def ledger_of(store: Path, home_of: Callable[[str], Path | None] = lambda key: None) -> Ledger:
@@ -340,6 +277,6 @@ def ledger_of(store: Path, home_of: Callable[[str], Path | None] = lambda key: N
     return Ledger(store, Holder(store), home_of=home_of)
 
 
-def _is_last(claim: Claim, history: History) -> bool:
-    """Return whether a case is open and a claim is its last one."""
-    return not history.finished and (history.round, history.claims) == (claim.round, claim.attempt)
+def runs_in(directory: Path, number: int) -> list[Path]:
+    """Return the directories of the runs of a round of a case, in the order of its claims."""
+    return sorted(directory.glob(f"run-{number}-*"), key=lambda run: int(run.name.rpartition("-")[2]))

@@ -6,11 +6,12 @@
   process. Times of files and of other hosts are never compared, so that clocks may differ by hours.
 """
 
+import os
 from pathlib import Path
 from time import monotonic
 
 from hpcinv.base.parallel.processes import Identity
-from hpcinv.studies.batch.ledger.store import HEARTBEATS
+from hpcinv.studies.batch.ledger.store import HEARTBEATS, as_output_error
 
 LEASE = 60.0
 """Seconds within which the heartbeat of a holder elsewhere must change; many times `holder.BEAT`."""
@@ -39,13 +40,14 @@ class Watch:
         runs = self._me.runs(other)
         return other.token in self._beating if runs is None else runs
 
+    def heartbeat_count(self) -> int:
+        """Return the number of heartbeats, also of dead processes."""
+        with as_output_error(self._heartbeats):
+            return sum(1 for _ in os.scandir(self._heartbeats))
+
     def remove_heartbeat(self, dead: Identity) -> None:
         """Remove the heartbeat of a dead process; if it is alive after all, it writes the file again."""
         (self._heartbeats / dead.token).unlink(missing_ok=True)
-
-    def is_abandoned(self, claim: str) -> bool:
-        """Return `is_dead` of the unknown holder of a damaged claim."""
-        return self._is_unchanged(claim, None)
 
     def _is_unchanged(self, name: str, beat: bytes | None) -> bool:
         now = monotonic()

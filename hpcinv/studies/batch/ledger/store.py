@@ -6,13 +6,14 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from hpcinv.base.files.atomic import make_directory, publish
+from hpcinv.base.files.atomic import make_directory, publish, replace
 from hpcinv.base.files.names import check_output
 from hpcinv.errors import OutputError
 
-RECORDS, HEARTBEATS, RUNS = "ledger", "holders", "cases"
+LEDGER, HEARTBEATS, RUNS = "ledger", "holders", "cases"
 """directories in a store"""
-_MARK, _FORMAT = "store.json", "hpcinv store 1"
+LOG, RECORDS = f"{LEDGER}/log", f"{LEDGER}/records"
+_MARK, _FORMAT, _EARLIER = "store.json", "hpcinv store 2", "hpcinv store 1"
 # Further entries of files need no other format, since earlier versions ignore them; another meaning of entries does.
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENOTCONN}
@@ -48,24 +49,30 @@ def open_store(path: Path) -> None:
             others = [entry.name for entry in path.iterdir() if not entry.name.startswith(".")]
             if others and mark.name not in others:
                 raise OutputError(f"{path}: holds files that are not of a store", "Choose another 'store'.")
-            publish(mark, json.dumps({"format": _FORMAT}).encode())
-        check_format(path)
-        for directory in (RECORDS, HEARTBEATS):
+            publish(mark, _mark())
+        if check_format(path) == _EARLIER:
+            replace(mark, _mark(), shared=True)  # earlier versions would not see what is written from now on
+        for directory in (LEDGER, LOG, RECORDS, HEARTBEATS):
             make_directory(path / directory)
 
 
-def check_format(path: Path) -> None:
-    """Raise ``OutputError`` if a store has another format; one that is not there has none."""
+def _mark() -> bytes:
+    return json.dumps({"format": _FORMAT}).encode()
+
+
+def check_format(path: Path) -> str:
+    """Return the format of a store; raises ``OutputError`` if it cannot be read. One that is not there has none."""
     mark = path / _MARK
     with as_output_error(mark):
         try:
             version = json.loads(mark.read_bytes())["format"]
         except (FileNotFoundError, NotADirectoryError):
-            return
+            return ""
         except (ValueError, KeyError, TypeError):
             version = "unknown"
-    if version != _FORMAT:
+    if version not in (_FORMAT, _EARLIER):
         raise OutputError(
             f"{mark}: the format is {version}, not {_FORMAT}",
             "Use the version of hpcinv that wrote it, or choose another 'store'.",
         )
+    return str(version)
