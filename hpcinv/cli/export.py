@@ -49,7 +49,8 @@ def add_export(commands: Any) -> None:
         "--deck",
         type=Path,
         metavar="FILE",
-        help="whole deck of CalculiX or Abaqus (.inp): rest shape, laws, supports, loads; and NAME-expected.csv",
+        help="whole deck of CalculiX and Abaqus (.inp) or FEBio (.feb): rest shape, laws, supports, loads; and "
+        "NAME-expected.csv",
     )
     export.add_argument(
         "--copy-of",
@@ -142,12 +143,18 @@ def _export(options: argparse.Namespace) -> int:
 def _export_deck(options: argparse.Namespace, unit: float) -> int:
     """Write what another program needs to load the rest shape."""
     from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
-    from hpcinv.studies.second_opinion.loaded_body import loaded_body
+    from hpcinv.studies.second_opinion.febio_model import LOADS, write_model
+    from hpcinv.studies.second_opinion.loaded_body import WRITERS, loaded_body
 
-    if suffix_of(options.deck) != ".inp":
-        raise OutputError(f"--deck {options.deck}: is not a deck of CalculiX or Abaqus; its name must end with .inp")
-    body = loaded_body(options.run)
-    deck = write_deck(options.deck, body, unit)
+    programs = {".inp": (write_deck, WRITERS), ".feb": (write_model, LOADS)}
+    suffix = suffix_of(options.deck)
+    if suffix not in programs:
+        raise OutputError(
+            f"--deck {options.deck}: is not a deck of CalculiX, Abaqus or FEBio; its name must end with .inp or .feb"
+        )
+    write, loads = programs[suffix]
+    body = loaded_body(options.run, loads)
+    deck = write(options.deck, body, unit)
     print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in N and {options.unit}")
     print(f"{expected_path(options.deck)}: where the program should find them")
     for note in body.notes:

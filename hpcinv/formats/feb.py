@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,32 +62,40 @@ def save_feb(path: Path, source: MeshSource, points: Floats) -> None:
     from hpcinv.formats.readers.elements import elements_of
 
     elements = elements_of(source)
-    path.write_text("\n".join(_lines(source, points, elements)) + "\n", encoding="utf-8")
+    whole = [group.name for group in source.groups if group.dim == 3 and len(group.members) == len(source.cells)]
+    parts = {whole[0] if whole else "all elements": np.arange(len(source.cells))}  # format 4 needs a name
+    lines = [*HEAD, '<Module type="solid"/>', *mesh_lines(source, points, elements, parts), "</febio_spec>"]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _lines(source: MeshSource, points: Floats, elements: Ints) -> Iterator[str]:
+HEAD = '<?xml version="1.0" encoding="UTF-8"?>', '<febio_spec version="4.0">'
+"""first lines of a model"""
+
+
+def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mapping[str, Ints]) -> Iterator[str]:
+    """Yield the section of a mesh at ``points`` (n, 3), with sets and surfaces for its groups.
+
+    Args:
+        elements: nodes of the elements (rows of the points) in the order of FEBio.
+        parts: rows of the elements of each part, by its name.
+    """
     tags, used = source.node_tags, np.unique(elements)
-    yield '<?xml version="1.0" encoding="UTF-8"?>'
-    yield '<febio_spec version="4.0">'
-    yield '<Module type="solid"/>'
     yield "<Mesh>"
     yield "<Nodes>"
     for tag, (x, y, z) in zip(tags[used].tolist(), points[used].tolist(), strict=True):
         yield f'<node id="{tag}">{x!r},{y!r},{z!r}</node>'
     yield "</Nodes>"
-    whole = [group.name for group in source.groups if group.dim == 3 and len(group.members) == len(source.cells)]
-    name = escape(whole[0] if whole else "all elements")  # format 4 needs one
-    yield f'<Elements type="{_NAMES[source.kind, source.degree]}" name="{name}">'
-    for tag, nodes in zip(source.cell_tags.tolist(), tags[elements].tolist(), strict=True):
-        yield f'<elem id="{tag}">{",".join(map(str, nodes))}</elem>'
-    yield "</Elements>"
+    for name, rows in parts.items():
+        yield f'<Elements type="{_NAMES[source.kind, source.degree]}" name="{escape(name)}">'
+        for tag, nodes in zip(source.cell_tags[rows].tolist(), tags[elements[rows]].tolist(), strict=True):
+            yield f'<elem id="{tag}">{",".join(map(str, nodes))}</elem>'
+        yield "</Elements>"
     for group in source.groups:
         if group.dim == 3:
             yield f'<ElementSet name="{escape(group.name)}">{_listed(source.cell_tags[group.members])}</ElementSet>'
         else:
             yield from _surface(source, group, elements, used)
     yield "</Mesh>"
-    yield "</febio_spec>"
 
 
 def _surface(source: MeshSource, group: Group, elements: Ints, used: Ints) -> Iterator[str]:

@@ -135,7 +135,7 @@ class _DeckReader:
         if kind not in ("prescribed displacement", "prescribe") or _is_set(condition, "relative"):
             return {}
         axis, amount = _axis_of(condition), _first(condition, "value", "scale")
-        if axis not in tuple("xyz") or amount is None:
+        if axis not in tuple("xyz") or amount is None or amount.get("type", "const") != "const":
             return {}
         return {axis: number(amount.text or "", "displacement") * self._factor(amount, kind, region)}
 

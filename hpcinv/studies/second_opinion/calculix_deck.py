@@ -65,7 +65,7 @@ def write_deck(path: Path, body: LoadedBody, unit: float) -> Deck:
     lines = [text, *_model(body, mesh, deck, unit), *_step(body, mesh, elements, deck, unit)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
-    write_output(expected_path(path), _expected(body, deck, unit).encode(), advice)
+    write_output(expected_path(path), expected_table(body, deck, unit).encode(), advice)
     return deck
 
 
@@ -124,8 +124,8 @@ def _step(body: LoadedBody, mesh: MeshSource, elements: Ints, deck: Deck, unit: 
     yield f"*NODE FILE\nU\n*NODE PRINT, NSET={NODES}, FREQUENCY=10000\nU\n*END STEP\n"
 
 
-def _expected(body: LoadedBody, deck: Deck, unit: float) -> str:
-    """Return a table of the places of each node: at rest, and loaded."""
+def expected_table(body: LoadedBody, deck: Deck, unit: float) -> str:
+    """Return a table (CSV) of the places of each node in a unit (m): at rest, and loaded."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["node", "X", "Y", "Z", "x", "y", "z"])

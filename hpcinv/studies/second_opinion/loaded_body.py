@@ -27,12 +27,13 @@ from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 
 @dataclass(frozen=True)
 class Held:
-    """Nodes (rows) whose displacement along an axis (0, 1, 2) is known, and its values (n,), m."""
+    """Nodes (rows) of a region whose displacement along an axis (0, 1, 2) is known, and its values (n,), m."""
 
     place: str
     nodes: Ints
     axis: int
     values: Floats
+    region: str = ""
 
 
 @dataclass(kw_only=True)
@@ -47,6 +48,8 @@ class LoadedBody:
         forces: of dead loads at the nodes (n, 3), N.
         held: known displacements.
         pressures: follower pressures, Pa, by their facets.
+        tractions: tractions (3,), Pa, by their facets, and whether they are per loaded area; for programs that have
+            them, instead of ``forces``.
         density: of the rest body, kg/m³; 0 without weight.
         acceleration: (3,), m/s².
         notes: what a reader should know of how the job is said.
@@ -59,6 +62,7 @@ class LoadedBody:
     forces: Floats
     held: list[Held] = field(default_factory=list)
     pressures: list[tuple[Group, float]] = field(default_factory=list)
+    tractions: list[tuple[Group, Floats, bool]] = field(default_factory=list)
     density: float = 0.0
     acceleration: Floats = field(default_factory=lambda: np.zeros(3))
     notes: list[str] = field(default_factory=list)
@@ -69,8 +73,14 @@ class LoadedBody:
         return self.loaded - self.rest.points
 
 
-def loaded_body(run: Path) -> LoadedBody:
+type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
+
+
+def loaded_body(run: Path, writers: Writers | None = None) -> LoadedBody:
     """Return the body of a finished run.
+
+    Args:
+        writers: as of `add_loads`.
 
     Raises:
         OutputError: it is not finished, its files lack nodes of the computed body, or it has what no deck can say; with
@@ -89,7 +99,7 @@ def loaded_body(run: Path) -> LoadedBody:
     for region in filter(None, laws):
         group_of(rest, region, 3)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
-    faults = [*_supports(body, job.supports), *add_loads(body, job.effects)]
+    faults = [*_supports(body, job.supports), *add_loads(body, job.effects, writers)]
     _refuse(run, faults)
     body.notes += [doubt] if doubt else []
     return body
@@ -138,19 +148,23 @@ def _supports(body: LoadedBody, supports: Iterable[Support]) -> Iterator[str]:
             nodes = np.unique(body.rest.facets[group_of(body.rest, support.region).members])
             for axis in sorted(AXES.index(axis) for axis in support.held):
                 values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
-                body.held.append(Held(place, nodes, axis, values))
+                body.held.append(Held(place, nodes, axis, values, support.region))
 
 
-def add_loads(body: LoadedBody, effects: Iterable[Effect]) -> Iterator[str]:
-    """Add loads; yield those that cannot be said."""
+def add_loads(body: LoadedBody, effects: Iterable[Effect], writers: Writers | None = None) -> Iterator[str]:
+    """Add loads; yield those that cannot be said.
+
+    Args:
+        writers: what adds an effect and may return why it cannot, by its class; by default `WRITERS`.
+    """
     for number, effect in enumerate(effects):
-        place, write = f"effects[{number}]", WRITERS.get(type(effect))
+        place, write = f"effects[{number}]", (WRITERS if writers is None else writers).get(type(effect))
         if write is None:
             yield f"{place}: '{effect.effect}' has no counterpart"  # type: ignore[attr-defined]
         elif not all(is_uniform(value) for value, _ in effect.quantities().values()) or effect.is_unknown:
             yield f"{place}: '{effect.effect}' has a number that varies, or that the run found"  # type: ignore[attr-defined]
-        else:
-            write(body, effect, place)
+        elif reason := write(body, effect, place):
+            yield f"{place}: {reason}"
 
 
 def _add_pressure(body: LoadedBody, effect: Any, place: str) -> None:
@@ -176,7 +190,7 @@ def _add_gravity(body: LoadedBody, effect: Any, place: str) -> None:
         body.notes.append(f"{place}: forces at the nodes, of the density in the loaded body")
 
 
-WRITERS: Mapping[type[Effect], Callable[[LoadedBody, Any, str], None]] = {
+WRITERS: Writers = {
     Pressure: _add_pressure,
     Traction: _add_traction,
     Gravity: _add_gravity,

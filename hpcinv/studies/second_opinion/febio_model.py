@@ -1,0 +1,195 @@
+"""Whole models for FEBio (format 4.0): mesh, sets, laws, what is held, loads, one static step."""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from html import escape
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hpcinv.base.files.atomic import write_output
+from hpcinv.errors import JobError, OutputError
+from hpcinv.formats.cards import febio
+from hpcinv.formats.cards.card import Values
+from hpcinv.formats.feb import HEAD, mesh_lines
+from hpcinv.formats.readers.elements import elements_of
+from hpcinv.geometry.workshop.cell_mesh import write_cells
+from hpcinv.job.sections import AXES
+from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.physics.effects.gravity import Gravity
+from hpcinv.physics.effects.traction import Traction
+from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
+from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers, group_of
+
+_BODY = "BODY"
+"""name of the part and of the material of a body with one law"""
+_CURVE = """<LoadData>
+<load_controller id="1" name="load" type="loadcurve">
+<interpolate>LINEAR</interpolate><extend>CONSTANT</extend>
+<points><pt>0,0</pt><pt>1,1</pt></points>
+</load_controller>
+</LoadData>"""
+_CONTROL = """<Control>
+<analysis>STATIC</analysis>
+<time_steps>10</time_steps>
+<step_size>0.1</step_size>
+<time_stepper type="default"><max_retries>10</max_retries><dtmin>1e-6</dtmin><dtmax>0.1</dtmax></time_stepper>
+<solver type="solid">
+<symmetric_stiffness>non-symmetric</symmetric_stiffness>
+<dtol>1e-8</dtol><etol>1e-12</etol><rtol>0</rtol>
+</solver>
+</Control>"""
+"""Ten steps to the full load, with the stiffness of follower pressures. Raised tolerances let FEBio's body differ."""
+_SAME = 1e-9
+"""Differences of displacements over the largest that are rounding errors; raised, a small rotation would be lost"""
+_UNITS = {1.0: "SI", 1e-3: "mm-N-s"}
+"""systems of units that FEBio names, by their unit of length (m)"""
+
+
+def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
+    """Write a model, and next to it NAME-expected.csv with the place of each node in both bodies.
+
+    Forces are in N, so that stresses are in N per squared unit of length, and densities in N s² per its fourth power.
+
+    Args:
+        body: with the loads of `LOADS`.
+        unit: of length, m.
+
+    Raises:
+        OutputError: it cannot be written, or a law has no card.
+    """
+    with tempfile.TemporaryDirectory() as directory:
+        mesh = write_cells(Path(directory) / "mesh.feb", body.rest, None, 1.0, unit)
+    elements = elements_of(mesh)
+    parts = {
+        region or _BODY: group_of(mesh, region, 3).members if region else np.arange(len(mesh.cells))
+        for region in body.laws
+    }
+    nodes = np.unique(elements)
+    system = f"<units>{_UNITS[unit]}</units>" if unit in _UNITS else ""
+    lines = [
+        *HEAD,
+        f'<Module type="solid">{system}</Module>',
+        _CONTROL,
+        *_materials(body, unit),
+        *mesh_lines(mesh, mesh.points / unit, elements, parts),
+        "<MeshDomains>",
+        *(f'<SolidDomain name="{escape(name)}" mat="{escape(name)}"/>' for name in parts),
+        "</MeshDomains>",
+        *_supports(body, mesh, nodes, unit),
+        *_loads(body, unit),
+        _CURVE,
+        *_output(path),
+        "</febio_spec>",
+    ]
+    element = next(line for line in lines if line.startswith("<Elements ")).split('"')[1]
+    deck = Deck(nodes, mesh.node_tags[nodes], element)
+    advice = "Is the directory there, and writable?"
+    write_output(path, ("\n".join(lines) + "\n").encode(), advice)
+    write_output(expected_path(path), expected_table(body, deck, unit).encode(), advice)
+    return deck
+
+
+def _materials(body: LoadedBody, unit: float) -> Iterator[str]:
+    yield "<Material>"
+    for number, (region, law) in enumerate(body.laws.items(), 1):
+        try:
+            card = ET.fromstring(febio.write(Values(law, febio.PROGRAM, unit**-2), region or _BODY))
+        except JobError as error:
+            raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
+        card.set("id", str(number))
+        if body.density:
+            ET.SubElement(card, "density").text = repr(body.density * unit**4)
+        yield ET.tostring(card, encoding="unicode").strip()
+    yield "</Material>"
+
+
+def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, unit: float) -> Iterator[str]:
+    """Yield what is held; displacements that vary over a region are data at its nodes."""
+    data, conditions = list[str](), list[str]()
+    for place, group in groupby(body.held, key=lambda held: held.place):
+        entries = list(group)
+        fixed = {held.axis for held in entries if not held.values.any()}
+        region = escape(entries[0].region)
+        if fixed:
+            dofs = "".join(f"<{axis}_dof>{int(i in fixed)}</{axis}_dof>" for i, axis in enumerate(AXES))
+            conditions.append(f'<bc name="{place}" node_set="{region}" type="zero displacement">{dofs}</bc>')
+        for held in entries:
+            if held.axis not in fixed:
+                values = held.values[np.isin(held.nodes, nodes)] / unit
+                data += _data(held, values)
+                conditions.append(_prescribed(held, values))
+    if data:
+        yield from ("<MeshData>", *data, "</MeshData>")
+    yield from ("<Boundary>", *conditions, "</Boundary>")
+
+
+def _name(held: Held) -> str:
+    return f"{held.place}-{AXES[held.axis]}"
+
+
+def _is_uniform(values: Floats) -> bool:
+    return bool(np.ptp(values) <= _SAME * np.abs(values).max())
+
+
+def _data(held: Held, values: Floats) -> Iterator[str]:
+    if _is_uniform(values):
+        return
+    yield f'<NodeData name="{_name(held)}" node_set="{escape(held.region)}" data_type="scalar">'
+    yield from (f'<node lid="{number}">{value!r}</node>' for number, value in enumerate(values.tolist(), 1))
+    yield "</NodeData>"
+
+
+def _prescribed(held: Held, values: Floats) -> str:
+    size = f">{float(values.mean())!r}" if _is_uniform(values) else f' type="map">{_name(held)}'
+    return (
+        f'<bc name="{_name(held)}" node_set="{escape(held.region)}" type="prescribed displacement">'
+        f'<dof>{AXES[held.axis]}</dof><value lc="1"{size}</value><relative>0</relative></bc>'
+    )
+
+
+def _loads(body: LoadedBody, unit: float) -> Iterator[str]:
+    yield "<Loads>"
+    for group, pressure in body.pressures:
+        yield (
+            f'<surface_load surface="{escape(group.name)}" type="pressure">'
+            f'<pressure lc="1">{pressure * unit**2!r}</pressure><linear>0</linear></surface_load>'
+        )
+    for group, traction, is_current in body.tractions:
+        entries = ",".join(repr(float(entry) * unit**2) for entry in traction)
+        yield (
+            f'<surface_load surface="{escape(group.name)}" type="traction"><scale lc="1">1</scale>'
+            f"<traction>{entries}</traction><linear>{int(not is_current)}</linear></surface_load>"
+        )
+    if body.density and body.acceleration.any():
+        entries = ",".join(repr(-float(entry) / unit) for entry in body.acceleration)  # FEBio's sign is the opposite
+        yield f'<body_load type="body force"><force lc="1">{entries}</force></body_load>'
+    yield "</Loads>"
+
+
+def _output(path: Path) -> Iterator[str]:
+    yield "<Output>"
+    yield '<plotfile type="febio"><var type="displacement"/><var type="stress"/></plotfile>'
+    name = escape(f"{path.stem}-displacement.txt")
+    yield f'<logfile><node_data name="displacement" data="ux;uy;uz" delim="," file="{name}"/></logfile>'
+    yield "</Output>"
+
+
+def _add_traction(body: LoadedBody, effect: Any, place: str) -> None:
+    traction = np.array(effect.traction, dtype=np.float64)
+    body.tractions.append((group_of(body.rest, effect.region), traction, effect.area_in == "current"))
+
+
+def _add_gravity(body: LoadedBody, effect: Any, place: str) -> str | None:
+    if effect.density_in != "reference":
+        return "'gravity' per deformed volume has no counterpart; FEBio's density is of the rest body"
+    return WRITERS[Gravity](body, effect, place)
+
+
+LOADS: Writers = {**WRITERS, Traction: _add_traction, Gravity: _add_gravity}
+"""What is written; every other effect is refused by its name."""
