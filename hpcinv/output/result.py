@@ -214,7 +214,8 @@ class Result:
         slopes = self.sensitivities
         field_lists = [slope.fields() for slope in slopes.shapes.values() or [slopes]] if slopes else []
         spreads = self.surface_spread.fields() if self.surface_spread is not None else []
-        field_lists = [[*(a or ()), *(b or ())] for a, b in zip_longest(field_lists, spreads)]
+        checked = [self.certificate.point_fields(solution.state) for solution in solutions]
+        field_lists = [[*(a or ()), *(b or ()), *(c or ())] for a, b, c in zip_longest(field_lists, spreads, checked)]
         write_fields(directory, self.body, solutions, field_lists, families=self.job.fibres, estimate=self.estimate)
 
     def to_dict(self) -> dict[str, Any]:

@@ -89,6 +89,7 @@ class Line:
         state: name of the state of the body; empty in a job without states.
         interval: of a quantity: its name ``of``, its ends ``low`` and ``high`` (SI; ``None`` for none), its ``unit``,
             and its causes.
+        point_field: what the line is the largest value of, a function (SI) at nodes; ``None`` if there is none.
     """
 
     topic: Topic
@@ -100,6 +101,7 @@ class Line:
     seconds: float | None = None
     state: str = ""
     interval: Mapping[str, Any] | None = None
+    point_field: Any = field(default=None, compare=False)
 
     @property
     def name(self) -> str:
@@ -174,6 +176,10 @@ class Certificate:
         """The most severe verdict of the lines; `Verdict.SKIPPED` counts only if nothing was checked."""
         verdicts = {line.verdict for line in self.lines}
         return max(verdicts - {Verdict.SKIPPED}, key=_SEVERITY.__getitem__, default=Verdict.SKIPPED)
+
+    def point_fields(self, state: str) -> list[Any]:
+        """Return the functions (SI) at nodes that lines of a state have."""
+        return [line.point_field for line in self.lines if line.point_field is not None and line.state == state]
 
     def as_data(self) -> dict[str, Any]:
         """The certificate as JSON data."""

@@ -61,6 +61,8 @@ class ContactIntervalCheck(Check):
             note = f"between two shapes at ends: {readable(found.distance, 'm')} or more is not determined"
             about = INTERVAL.placed("shape")
             yield Line(about, found.distance, "m", "distance; no threshold", Verdict.PASS, note)
+        if found.width is not None:
+            yield _width_line(found.width)
 
 
 def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
@@ -70,6 +72,21 @@ def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
     if not least or factor == float("inf"):
         note = "none balance the loads of the parts that contact alone holds"
     return Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
+
+
+def _width_line(width: Any) -> Line:
+    """Return the line of a `ShapeWidth` (`hpcinv.trust.intervals.shape_width`)."""
+    about = INTERVAL.placed("position of a node")
+    rule = "largest half width; no threshold"
+    if width.unbounded:
+        note = "some nodes have no end: pressures grow without bound"
+        return Line(about, None, "m", rule, Verdict.UNDECIDED, note)
+    place = ", ".join(f"{x:.4g}" for x in width.place)
+    note = (
+        f"along x, y or z, at ({place}) m; to first order, exact for {width.rows} displacements of nodes, and a lower"
+        " bound for others"
+    )
+    return Line(about, width.largest, "m", rule, Verdict.PASS, note, point_field=width.field)
 
 
 def _line(found: Any, all_found: Any) -> Line:

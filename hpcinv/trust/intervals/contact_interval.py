@@ -25,6 +25,7 @@ from hpcinv.trust.intervals.admissible_tractions import (
     settled_end,
 )
 from hpcinv.trust.intervals.pressed_bodies import Pressed, PressedBodies
+from hpcinv.trust.intervals.shape_width import ShapeWidth, shape_width
 
 _SETTLED = 1e-5
 """Change of a quantity that one more program may promise at an end that has settled, relative to its value or
@@ -69,6 +70,7 @@ class ContactIntervals:
             if none does.
         count: number of pressures and tangential tractions.
         fine: number of pressures that the ones among them stand for in a coarse field; else 0.
+        width: of the positions of all nodes.
         is_locked: whether tractions within the friction cone balance each other, however large.
     """
 
@@ -78,6 +80,7 @@ class ContactIntervals:
     friction: float | None
     count: int
     fine: int
+    width: ShapeWidth | None
     is_locked: bool
 
 
@@ -92,11 +95,12 @@ def contact_intervals(
         announce: called with what each solve takes, before the ends are searched.
     """
     bodies, fault, is_locked = PressedBodies(equations, solution, announce=announce), NoPressure(0.0), False
-    found, is_empty = list[Interval](), False
+    found, is_empty, width = list[Interval](), False, None
     try:
         ends = _Ends(bodies, equations)
         for name in reversed(bodies.units):  # force and gap first, whose ends are where others begin
             found.insert(0, ends.interval(name))
+        width = shape_width(bodies.at_start.near, bodies.moves, equations.scales.length, announce)
         if any(end is None for interval in found for end in (interval.low, interval.high)):
             is_locked = bodies.at_start.near.is_locked
     except NoPressure as reason:
@@ -105,7 +109,8 @@ def contact_intervals(
         bodies.destroy()
         equations.put(solution)
     overlap = -fault.gap * equations.scales.length if is_empty else None
-    return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, bodies.count, bodies.fine, is_locked)
+    more = bodies.count, bodies.fine, width, is_locked
+    return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, *more)
 
 
 class _Ends:

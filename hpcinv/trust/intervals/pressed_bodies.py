@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from dolfinx import fem
 from scipy.sparse import csr_array, vstack
 
 from hpcinv.base.parallel.runtime import MPI
@@ -78,6 +79,7 @@ class PressedBodies:
         computed: values of the quantities at the solution.
         fine: number of functions that may press, where the pressures among the numbers are a coarse field; else 0.
         count: number of pressures and tangential tractions.
+        moves: derivatives (m) of the displacement by each number, at the first solve.
         start: numbers (scaled) of the solution: tractions of each interface, and places of free parts.
     """
 
@@ -92,6 +94,7 @@ class PressedBodies:
         self._announce: Callable[[str], None] | None = announce
         self._scales, self._body, self._solution = equations.scales, equations.body, solution
         self._with_energy, self.comm = with_energy, equations.body.mesh.comm
+        self.moves = list[fem.Function]()
         wanted = [q for q in solution.job.quantities if not q.is_reaction]
         computed = evaluate(wanted, self._body, solution, equations)
         self._quantities = [q for q in wanted if isinstance(computed[q.name], float)]
@@ -168,6 +171,7 @@ class PressedBodies:
         )
         self._fields = solution.fields
         near, changes, stiffness = self._linearised(equilibrium, solution, values)
+        self.moves = self.moves or [change.displacement for _, change in changes]
         equations.release(equilibrium)
         if self._point_fields is None:
             self._point_fields = fields_for(self._quantities, self._body, equations.weak_form("inverse"), self._scales)
