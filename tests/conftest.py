@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import gc
-import itertools
 import os
 import signal
 import sys
@@ -16,6 +15,7 @@ import pytest
 from helpers.batches import IN_BATCH, Batches, RankOfBatch
 from helpers.parts import Part
 
+from hpcinv.base.parallel.communicators import require_communicators
 from hpcinv.base.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]
@@ -106,15 +106,15 @@ def pytest_collection_finish() -> None:
 
 SMALL_PICTURE = (400, 320)
 """Pixels of a view in tests that do not look at it; a whole one takes half a second."""
-TESTS_BETWEEN_COLLECTIONS = 20
-"""A test leaves up to 24 communicators in cyclic garbage; MPICH has 2,048 for a process, and crashes without one."""
-_tests_run = itertools.count(1)
 
 
-def pytest_runtest_logfinish() -> None:
-    """Collect garbage at times: Python alone does it ever more rarely as the objects that stay become more."""
-    if next(_tests_run) % TESTS_BETWEEN_COLLECTIONS == 0:
-        gc.collect()
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown() -> None:
+    """Collect garbage if it holds most communicators: Python does so ever more rarely as objects that stay become more.
+
+    A test leaves up to 24 of them in cyclic garbage. All ranks collect at once, since some destructors are collective.
+    """
+    require_communicators(MPI.COMM_WORLD)
 
 
 def is_tested_on_other_ranks(item: pytest.Item) -> bool:
