@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
+
+try:
+    import jax
+    import jax.numpy as jnp
+except ModuleNotFoundError as error:
+    if error.name != "jax":
+        raise
+    text = "hpcinv.jax needs JAX, which is not installed. Install it by: pip install jax"
+    raise ModuleNotFoundError(text, name="jax") from None
 
 from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -85,6 +86,17 @@ def test_wrong_inputs_are_one_message(comm: MPI.Intracomm, run_directory: Path) 
         with pytest.raises(HpcinvError, match="the shear modulus must be positive, but is -1000"):
             model.evaluate([np.full(72, -1.0), 900.0])
         assert np.isfinite(model.evaluate(model.start)[0]).all()
+
+
+@pytest.mark.parametrize(("package", "title"), [("torch", "PyTorch"), ("jax", "JAX")])
+def test_a_package_that_is_not_installed_is_one_message(
+    package: str, title: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(sys.modules, f"hpcinv.{package}", raising=False)
+    expected = rf"^hpcinv\.{package} needs {title}, which is not installed\. Install it by: pip install {package}$"
+    with pytest.raises(ModuleNotFoundError, match=expected):
+        importlib.import_module(f"hpcinv.{package}")
 
 
 HEAD = """
