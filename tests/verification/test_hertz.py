@@ -73,11 +73,13 @@ def test_pressure_of_hertz_is_approached_on_finer_meshes(comm: MPI.Intracomm) ->
 RADIUS, LOAD = 0.05, 35e6  # m, N/m
 
 
-def nafems(comm: MPI.Intracomm, cells: int, down: float, fine: float = 0.008) -> tuple[float, float, float]:
+def nafems(
+    comm: MPI.Intracomm, cells: int, down: float, fine: float = 0.008, friction: float = 0.0
+) -> tuple[float, float, float]:
     """Press NAFEMS' aluminium cylinder on its steel block (CGS-1).
 
     Reference: Konter, Advanced finite element contact benchmarks, NAFEMS 2006, benchmark 1: 35 kN per mm of length give
-    3,585 MPa over a half width of 6.21 mm. Its friction of 0.1 is left out.
+    3,585 MPa over a half width of 6.21 mm. Its friction is 0.1.
 
     Returns:
         Largest pressure (Pa) and half width (m), scaled to 35 kN/mm as Hertz' are; cells along half of the contact.
@@ -95,7 +97,8 @@ def nafems(comm: MPI.Intracomm, cells: int, down: float, fine: float = 0.008) ->
             {"region": "z0", "fix": ["x", "z"]},
             {"region": "z1", "displacement": [0, None, -down]},
         ],
-        "interfaces": [{"between": ["bottom", "top"], "kind": "contact"}],
+        "interfaces": [{"between": ["bottom", "top"], "kind": "contact", "friction": friction}],
+        "solver": {"strategy": "fixed", "steps": 6} if friction else {},
     }
     contact = hpcinv.run(job(**given), comm).solutions[0].contacts[0]
     scale = np.sqrt(LOAD * thickness / (2 * abs(contact.force[2])))
@@ -123,3 +126,11 @@ def test_cylinder_of_nafems_has_its_pressure_and_width(comm: MPI.Intracomm) -> N
     smaller, narrower, cells = nafems(comm, 12, 0.00011, fine=0.002)  # a sixteenth of the load, a quarter of the width
     assert abs(smaller / 3585e6 - 1) < 0.5 * abs(pressure / 3585e6 - 1)
     assert narrower == pytest.approx(6.21e-3, rel=1 / cells)
+
+
+@pytest.mark.release
+def test_friction_raises_the_pressure_of_the_cylinder_of_nafems(comm: MPI.Intracomm) -> None:
+    """Most of the surface slides: tractions of at most 0.1 p change the pressure by less than that."""
+    smooth, rough = nafems(comm, 8, 0.00114), nafems(comm, 8, 0.00114, friction=0.1)
+    assert 1.0 < rough[0] / smooth[0] < 1.1
+    assert rough[1] == pytest.approx(6.21e-3, rel=1 / rough[2])
