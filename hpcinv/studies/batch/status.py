@@ -84,12 +84,12 @@ class Status:
 
 def _failed(cases: Iterable[BatchCase], records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, ...]]:
     """Return titles of the cases that failed by their diagnosis."""
-    failed: dict[str, tuple[str, ...]] = {}
+    failed: dict[str, list[str]] = {}
     for case in cases:
         record = records.get(case.key)
         if record is not None and not record.converged:
-            failed[record.diagnosis] = (*failed.get(record.diagnosis, ()), case.title)
-    return failed
+            failed.setdefault(record.diagnosis, []).append(case.title)
+    return {diagnosis: tuple(titles) for diagnosis, titles in failed.items()}
 
 
 def status(

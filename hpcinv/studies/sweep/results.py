@@ -26,7 +26,11 @@ def results(plan: SweepPlan, ledger: Ledger, known: Mapping[str, CaseRecord] | N
 
 def status_of(plan: SweepPlan, ledger: Ledger, records: Mapping[str, CaseRecord]) -> Status:
     """Return the status of a sweep with the ``records`` of its finished cases."""
-    cases = [BatchCase(case.key, case.title, case.reuse_group) for case in plan.cases]
+    failed = {key for key, record in records.items() if not record.converged}  # only their titles are shown
+    cases = [
+        BatchCase(key, plan.cases[place].title if key in failed else "", group)
+        for place, (key, group) in enumerate(zip(plan.cases.keys, plan.cases.reuse_groups, strict=True))
+    ]
     return status(plan.sweep.sweep, cases, ledger, records, retry=RETRY)
 
 
