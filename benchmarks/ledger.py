@@ -105,12 +105,13 @@ def main() -> None:
     print("    cases  files     MB  write a case [µs]  status [s]  table [s]  memory [MB] to write, of status, table")
     for count in options.counts:
         with tempfile.TemporaryDirectory() as place:
-            found = {step: _step(step, count, Path(place) / "store") for step in ("write", "status", "table")}
-        written = found["write"]
+            written, status, table = (
+                _step(step, count, Path(place) / "store") for step in ("write", "status", "table")
+            )
         print(
             f"{count:9,} {written['files']:6.0f} {written['bytes'] / 1e6:6.0f} {1e6 * written['write'] / count:18.0f}"
-            f" {found['status']['read']:11.2f} {found['table']['read']:10.2f}"
-            f" {written['memory']:21.0f} {found['status']['memory']:9.0f} {found['table']['memory']:6.0f}",
+            f" {status['read']:11.2f} {table['read']:10.2f}"
+            f" {written['memory']:21.0f} {status['memory']:9.0f} {table['memory']:6.0f}",
             flush=True,
         )
 

@@ -17,7 +17,7 @@ from shell_scenes import SCENES, Scene
 
 import hpcinv
 from hpcinv.errors import HpcinvError
-from hpcinv.job.sections import Shell
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.io.gmsh_model import save_msh
 from hpcinv.mesh.midsurface import thicken
 

@@ -24,7 +24,7 @@ import numpy as np
 import pyvista
 import SimpleITK
 
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.readers import read_msh

@@ -13,7 +13,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_late, signals_recorded
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.job import Job, PlannedSolve
-from hpcinv.job.sections import QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityValue
 from hpcinv.job.state_differences import with_differences
 from hpcinv.on_demand import on_demand
 from hpcinv.output.checkpoint_writer import CheckpointWriter

@@ -10,8 +10,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
+from hpcinv.job.mesh_file import CUT
 from hpcinv.job.mesh_generators import is_generator
-from hpcinv.job.sections import CUT
 from hpcinv.job.states import StateSpec
 from hpcinv.mesh import Body
 from hpcinv.on_demand import on_demand

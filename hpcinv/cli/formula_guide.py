@@ -9,8 +9,8 @@ from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.base.quantity.schema import metadata_in
 from hpcinv.base.quantity.spatial_fields import POSITIONS, VaryingQuantity
-from hpcinv.job.sections import COORDINATES, FIELDS, REGION_NAMES
-from hpcinv.job.sections import POSITIONS as OF_QUANTITIES
+from hpcinv.job.vocabulary import COORDINATES, FIELDS, REGION_NAMES
+from hpcinv.job.vocabulary import POSITIONS as OF_QUANTITIES
 from hpcinv.output.console import Console
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws

@@ -18,7 +18,8 @@ from hpcinv.cli.options import positive
 from hpcinv.cli.show import add_picture, show
 from hpcinv.errors import JobError, OutputError
 from hpcinv.job.job import load
-from hpcinv.job.sections import CADS, IMAGES, SURFACES, MeshSpec
+from hpcinv.job.mesh_file import CADS, IMAGES, SURFACES
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.yaml_reader import read_text
 
 _OUTPUT = "mesh to write or replace (.msh, .vtu)"

@@ -12,7 +12,8 @@ from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import LENGTH_UNITS, parse_quantity
 from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import MeshError, OutputError
-from hpcinv.job.sections import LENGTH, MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.vocabulary import LENGTH
 
 JOBS = (".yaml", ".yml")
 """suffixes of job files"""

@@ -24,7 +24,8 @@ from hpcinv.cli.mesh import label_of
 from hpcinv.cli.mesh_input import CELL, CELLS, length, length_unit
 from hpcinv.errors import JobError, OutputError
 from hpcinv.job.job import parse
-from hpcinv.job.sections import IMAGES, STRESS, SURFACES
+from hpcinv.job.mesh_file import IMAGES, SURFACES
+from hpcinv.job.vocabulary import STRESS
 from hpcinv.job.yaml_reader import read_text
 from hpcinv.physics.materials import laws
 

@@ -15,7 +15,7 @@ from hpcinv.cli.file_job import FileJob
 from hpcinv.formats.cards.card import Card, CardError, UnknownLaw
 from hpcinv.formats.cards.deck import Axes, Deck, Measure, NodalForces, ShellSection, layer_name
 from hpcinv.formats.cards.orthotropic import FAMILIES
-from hpcinv.job.sections import Shell
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.source import Floats, Group, MeshSource
 

@@ -16,7 +16,8 @@ from hpcinv.cli.mesh_input import JOBS, check_one_process, image_spec, length, m
 from hpcinv.cli.options import port
 from hpcinv.errors import OutputError
 from hpcinv.job.job import Job, load
-from hpcinv.job.sections import IMAGES, Support
+from hpcinv.job.mesh_file import IMAGES
+from hpcinv.job.support import Support
 from hpcinv.output.surfaces.colours import COLOURS, Colour
 
 if TYPE_CHECKING:

@@ -9,9 +9,10 @@ from hpcinv.base.quantity.parameter_paths import Number
 from hpcinv.base.quantity.quantity import Length, Quantity, quantities_of
 from hpcinv.base.quantity.schema import Faults, KeyPath, Spec, TextOrTexts, Triple
 from hpcinv.base.quantity.suggestions import did_you_mean
-from hpcinv.job.sections import STRESS, QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import VOLUME, StateSpec
+from hpcinv.job.vocabulary import STRESS
 from hpcinv.physics.effects.effect import Effect
 from hpcinv.physics.effects.pressure import Pressure
 

@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.functions import CONSTANTS, FUNCTIONS
 from hpcinv.base.quantity.schema import Problems
-from hpcinv.job.sections import FIELDS, POSITIONS
+from hpcinv.job.vocabulary import FIELDS, POSITIONS
 
 RESERVED = frozenset({*FUNCTIONS, *CONSTANTS, *POSITIONS, *FIELDS, "displacement"})
 """Names with a meaning in formulas of a job."""

@@ -4,8 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from hpcinv.job.cavities import Cavity
-from hpcinv.job.sections import CUBIC, QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.states import StateSpec
+from hpcinv.job.vocabulary import CUBIC
 from hpcinv.physics.effects.effect import Effect
 from hpcinv.physics.effects.pressure import Pressure
 

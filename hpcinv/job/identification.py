@@ -18,9 +18,11 @@ from hpcinv.base.quantity.units import Dimension
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.filling_points import FillingPoint, filling_points, pressure_in, pressure_keys
-from hpcinv.job.sections import CUBIC, LENGTH, QuantityOfInterest, directory_of
+from hpcinv.job.mesh_file import directory_of
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import TIES, Owner, Parameter, fault_of_setting, fault_of_tie, parameter
 from hpcinv.job.states import StateSpec, rest_of
+from hpcinv.job.vocabulary import CUBIC, LENGTH
 
 TABLES = (".csv", ".txt", ".xlsx")
 SURFACES = (".stl", ".ply", ".obj", ".vtp", *TABLES)

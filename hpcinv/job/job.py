@@ -55,18 +55,21 @@ from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.identification import Identification
 from hpcinv.job.interfaces import Interface, interface_of
 from hpcinv.job.layers import Layering, layerings_of
+from hpcinv.job.mesh_file import ExpectedShape, MeshFile, directory_of
+from hpcinv.job.mesh_section import MeshSpec as MeshSpec
 from hpcinv.job.owners import families_of, have_derivatives, laws_of, numbered, owners_in_states, owners_of, places_of
 from hpcinv.job.preamble import read_preamble
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_references import REFERENCES, References
 from hpcinv.job.region_rules import RegionRule, RegionUnion, VertexSet
 from hpcinv.job.remote_load import RemoteLoad
-from hpcinv.job.sections import REGION_NAMES, ExpectedShape, MeshFile, Motion, QuantityOfInterest, Support, directory_of
-from hpcinv.job.sections import MeshSpec as MeshSpec  # part of this module's interface
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
+from hpcinv.job.support import Motion, Support
+from hpcinv.job.vocabulary import REGION_NAMES
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import AnyEffect, Direction, Effect

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 from hpcinv.base.quantity.schema import Faults, KeyPath
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.body_kinds import SHELL, SOLID
-from hpcinv.job.sections import MeshSpec, Support
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.support import Support
 from hpcinv.physics.effects.effect import Effect
 
 SUFFIXES = (".msh", ".py", ".geo", ".vtu", ".vtk", ".inp", ".stl", ".ply", ".obj", ".vtp")

@@ -18,7 +18,7 @@ from hpcinv.base.mesh_formats import FORMATS, action_of
 from hpcinv.base.reading.mesh_format import OF_NODES, Groups
 from hpcinv.base.reading.reader_outcome import fault_found
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.job.sections import IMAGES, SURFACES, MeshFile
+from hpcinv.job.mesh_file import IMAGES, SURFACES, MeshFile
 
 LARGEST = 20 * 10**6
 """bytes of a file that is read; raised, ``validate`` may take more than a second or two"""

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
-from hpcinv.job.sections import Shell, Support
 from hpcinv.job.sensitivities import Owner
+from hpcinv.job.shell_section import Shell
 from hpcinv.job.states import StateSpec
+from hpcinv.job.support import Support
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.materials import Material, MaterialLaw
 

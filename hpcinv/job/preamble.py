@@ -10,7 +10,7 @@ from hpcinv.base.quantity.expressions import LET, Expression
 from hpcinv.base.quantity.plugins import load_file, load_installed
 from hpcinv.base.quantity.schema import KeyPath, ListOf, Name, Spec, collected, raise_if_any
 from hpcinv.job.definitions import RESERVED, resolve
-from hpcinv.job.sections import directory_of
+from hpcinv.job.mesh_file import directory_of
 from hpcinv.physics.materials.formula_law.invariants import fault_of_name
 
 

@@ -9,8 +9,9 @@ from hpcinv.base.quantity.spatial_fields import ELSEWHERE, fields_in
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.job.interfaces import Interface
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.region_rules import EXCEPT, RegionRule, RegionUnion
-from hpcinv.job.sections import QuantityOfInterest, Support
+from hpcinv.job.support import Support
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.materials import MaterialLaw
 

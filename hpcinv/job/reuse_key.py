@@ -19,8 +19,8 @@ from hpcinv.job.cavities import CONTROLS, Cavity
 from hpcinv.job.fingerprint import FORMAT, NOT_CONTENT, NOT_PHYSICS, entry_texts, hash_of, hash_of_text
 from hpcinv.job.job import Job
 from hpcinv.job.resolved_job import EntryTexts, SectionData, resolved
-from hpcinv.job.sections import Support
 from hpcinv.job.states import StateSpec
+from hpcinv.job.support import Support
 
 _EQUATIONS = {"linear", "petsc", "maximum_iterations", "reuse_tangent"}
 """settings that solvers of equations have from their first job; all others are read from the job of each run"""

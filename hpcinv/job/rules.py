@@ -7,10 +7,14 @@ from hpcinv.base.quantity.quantity import positive
 from hpcinv.base.quantity.schema import Faults, KeyPath, collected, dotted_key, raise_if_any, repeated, shown
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.updates import UPDATES
-from hpcinv.job.sections import AXES, ExpectedShape, MeshSpec, QuantityOfInterest, Support
+from hpcinv.job.mesh_file import ExpectedShape
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.settings import Discretisation, FixedPoint, Output
 from hpcinv.job.state_differences import parts
 from hpcinv.job.states import StateSpec, given_on_current, rest_of
+from hpcinv.job.support import Support
+from hpcinv.job.vocabulary import AXES
 from hpcinv.physics.effects import Direction, Effect
 from hpcinv.physics.effects.contact import Contact
 from hpcinv.physics.materials import MaterialLaw

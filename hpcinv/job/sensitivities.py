@@ -10,8 +10,9 @@ from hpcinv.base.quantity.schema import KeyPath, ListOf, Spec, collected, dotted
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
 from hpcinv.job.cavities import Cavity
-from hpcinv.job.sections import Shell, Support
+from hpcinv.job.shell_section import Shell
 from hpcinv.job.states import StateSpec
+from hpcinv.job.support import Support
 
 type Owner = Ingredient | Support | Shell | Cavity | StateSpec
 

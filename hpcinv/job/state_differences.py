@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 
 
 def parts(quantity: QuantityOfInterest) -> tuple[QuantityOfInterest, ...]:

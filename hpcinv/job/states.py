@@ -13,7 +13,7 @@ from hpcinv.base.quantity.schema import Faults, KeyPath, ListOf, Name, Spec, rep
 from hpcinv.base.quantity.spatial_fields import fields_in
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.job.sections import Support
+from hpcinv.job.support import Support
 from hpcinv.physics.effects import AnyEffect
 
 VOLUME = Dimension(length=3)

@@ -24,8 +24,8 @@ from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.job.body_kinds import KINDS
 from hpcinv.job.mesh_generators import converted_parameters
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.region_rules import RegionRule
-from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body_length import body_length
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report

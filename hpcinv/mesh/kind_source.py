@@ -13,7 +13,7 @@ import numpy as np
 
 from hpcinv.base.quantity.locations import KeyPath
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.job.sections import ArrayLabels, MeshSpec
+from hpcinv.job.mesh_section import ArrayLabels, MeshSpec
 from hpcinv.mesh.orientation import consistently_oriented
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import DataArray, Floats, Ints, MeshSource

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import ArrayLabels
+from hpcinv.job.mesh_section import ArrayLabels
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.facet_groups import add_facets, facets_and_cells_inside, join_facets
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, distinct_tags

@@ -26,7 +26,8 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.mesh_format import INNER, OUTER
 from hpcinv.errors import MeshError
 from hpcinv.job.body_kinds import SHELL
-from hpcinv.job.sections import ArrayLabels, MeshSpec, Shell
+from hpcinv.job.mesh_section import ArrayLabels, MeshSpec
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.cells import LayerDegree, mirrored, scalar_element, sub_entities, vertex_count
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.kind_source import KindSource

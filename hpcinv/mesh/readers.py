@@ -17,7 +17,7 @@ from hpcinv.base.reading.mesh_format import MeshFormat, loaded
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import HpcinvError, MeshError, described
 from hpcinv.job.mesh_generators import ParameterValue
-from hpcinv.job.sections import ArrayLabels
+from hpcinv.job.mesh_section import ArrayLabels
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored, require_at_most
 from hpcinv.mesh.io.generator_files import note_script, noted_files
 from hpcinv.mesh.io.gmsh_model import extract, extract_surface, read_views, session

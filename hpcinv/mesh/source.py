@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hpcinv.base.quantity.arrays import Floats as Floats
 from hpcinv.base.quantity.arrays import Ints as Ints
 from hpcinv.job.body_kinds import SOLID
-from hpcinv.job.sections import Shell
+from hpcinv.job.shell_section import Shell
 
 type Place = Literal["nodes", "cells"]
 

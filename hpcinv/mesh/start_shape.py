@@ -11,7 +11,7 @@ from hpcinv.base.files.names import exists
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.body import Body, local_node_values, read_mesh_file
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.readers import FILES

@@ -10,7 +10,8 @@ import numpy as np
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, Support
+from hpcinv.job.support import Support
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.source import Floats

@@ -13,7 +13,7 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
 from hpcinv.job.remote_load import RemoteLoad
-from hpcinv.job.sections import Motion
+from hpcinv.job.support import Motion
 
 
 class ConstraintReport(ABC):

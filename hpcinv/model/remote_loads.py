@@ -8,7 +8,7 @@ from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
-from hpcinv.job.sections import Motion
+from hpcinv.job.support import Motion
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.kinematics.rigid_motion import rotation_matrix, rotation_vector

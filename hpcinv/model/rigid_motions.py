@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hpcinv.job.sections import AXES
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats
 
 # Share of the best held motion below which one is free: above rounding errors, below any clamp that can be meshed.

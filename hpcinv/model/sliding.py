@@ -35,7 +35,7 @@ from petsc4py import PETSc
 
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import Support
+from hpcinv.job.support import Support
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.nodal_normals import nodal_normals

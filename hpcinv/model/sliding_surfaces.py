@@ -14,7 +14,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.taylor import FUNCTIONS, Taylor
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import Support
+from hpcinv.job.support import Support
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.source import Floats
 

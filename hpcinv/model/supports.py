@@ -14,7 +14,8 @@ from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference, step_at
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, Motion, Support
+from hpcinv.job.support import Motion, Support
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats

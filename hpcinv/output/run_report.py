@@ -13,7 +13,7 @@ from hpcinv.base.parallel.runtime import on_root
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import HpcinvError, Interrupted, OutputError, SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityValue
 from hpcinv.on_demand import on_demand
 from hpcinv.output.progress import Level, Progress
 from hpcinv.output.result import Result

@@ -8,7 +8,8 @@ from functools import partial
 from typing import Any
 
 from hpcinv.base.quantity.written_units import as_shown
-from hpcinv.job.sections import REACTIONS, is_of_nodes
+from hpcinv.job.quantity_of_interest import is_of_nodes
+from hpcinv.job.vocabulary import REACTIONS
 from hpcinv.output.shape_error import shape_error
 
 _ERRORS = {

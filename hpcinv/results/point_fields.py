@@ -21,7 +21,7 @@ from hpcinv.base.quantity.stress_measures import (
     components_of,
     measure_named,
 )
-from hpcinv.job.sections import NORMALS
+from hpcinv.job.vocabulary import NORMALS
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import FACET_KIND, LayerDegree, layer_interpolation, quadrature
 from hpcinv.mesh.location import PointLocation

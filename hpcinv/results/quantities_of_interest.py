@@ -15,7 +15,8 @@ from dolfinx import la
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.errors import MeshError, naming_field
-from hpcinv.job.sections import STRESS, QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
+from hpcinv.job.vocabulary import STRESS
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.bounding_box import extent

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 

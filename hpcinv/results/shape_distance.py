@@ -17,7 +17,8 @@ from dolfinx.mesh import Geometry
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import ExpectedShape, MeshSpec
+from hpcinv.job.mesh_file import ExpectedShape
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import read_anywhere, source_node_values, source_values
 from hpcinv.mesh.bounding_box import diagonal

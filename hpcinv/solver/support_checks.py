@@ -13,7 +13,7 @@ from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.bounding_box import extent

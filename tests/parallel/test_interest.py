@@ -13,7 +13,7 @@ from helpers.solutions import made_up
 
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh import MeshSource, build_body
 from hpcinv.results.quantities_of_interest import check_points, evaluate, fault_of
 

@@ -15,7 +15,7 @@ from helpers.partitions import facet_sets, input_vertex_sets, owners, slow_edge_
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import OutputError
 from hpcinv.job.job import load
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import Body, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.checks import check

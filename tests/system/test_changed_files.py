@@ -17,7 +17,7 @@ from hpcinv.driver import run
 from hpcinv.errors import CheckpointError, JobError
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import load
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.solver.workspace import Workspace

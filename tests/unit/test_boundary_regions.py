@@ -11,8 +11,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace
-from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.boundary_shells import shells

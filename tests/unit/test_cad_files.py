@@ -25,7 +25,7 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.geometry.cad import small_features
 from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
 from hpcinv.geometry.workshop.solid import volume_of
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.mesh.io import isolated

@@ -16,7 +16,7 @@ from helpers.command_line import environment
 from hpcinv.__main__ import main
 from hpcinv.geometry.workshop.comparison import surface_in
 from hpcinv.geometry.workshop.surface_comparison import compare
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import read_source
 
 pytestmark = pytest.mark.usefixtures("warm_reader")

@@ -12,7 +12,7 @@ from helpers.hollow_block import hollow_block
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.enclosed_volume import EnclosedVolume

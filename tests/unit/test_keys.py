@@ -20,9 +20,9 @@ from hpcinv.base.quantity.schema import Spec, metadata_in
 from hpcinv.errors import CheckpointError
 from hpcinv.job.fingerprint import NOT_CONTENT, NOT_PHYSICS, check_same_problem, content_key, fingerprint
 from hpcinv.job.job import Job, load
+from hpcinv.job.mesh_file import ExpectedShape
 from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import NOT_BODY, body_key, numbers_of, reuse_group_of
-from hpcinv.job.sections import ExpectedShape
 from hpcinv.physics.effects.contact import Contact
 from hpcinv.physics.effects.obstacles import SurfaceObstacle
 from hpcinv.solver.workspace import Workspace

@@ -27,7 +27,7 @@ from hpcinv.job.region_names import unknown_regions
 
 path = Path(sys.argv[1])
 print([place for place, _ in unknown_regions(path, [], [(("a",), "core"), (("b",), "rind")])], "numpy" in sys.modules)
-from hpcinv.job.sections import FORMATS
+from hpcinv.job.mesh_file import FORMATS
 from hpcinv.mesh.readers import FILES
 
 source = FILES[".tets"](path)

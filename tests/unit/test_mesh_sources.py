@@ -17,7 +17,7 @@ from helpers.mesh_cases import TETRAHEDRON, spec, write_msh22
 from mpi4py import MPI
 
 from hpcinv.errors import MeshError, OutputError
-from hpcinv.job.sections import FORMATS
+from hpcinv.job.mesh_file import FORMATS
 from hpcinv.mesh import MeshSource, read_source
 from hpcinv.mesh.cells import FACET_KIND, coordinate_element, scalar_element, vtk_order
 from hpcinv.mesh.checks import check

@@ -11,7 +11,7 @@ import pytest
 
 from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.opencarp import directions_of, write_opencarp
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.source import DataArray, Floats, Group, MeshSource
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray

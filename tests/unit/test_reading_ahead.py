@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hpcinv.base.parallel import children
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.io import isolated
 from hpcinv.mesh.io.isolated import reading_ahead
 from hpcinv.mesh.readers import FILES

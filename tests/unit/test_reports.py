@@ -16,7 +16,7 @@ import pytest
 from helpers.run_directories import SIZE, boundary, cube, interior, run_directory, summary
 
 from hpcinv.errors import OutputError
-from hpcinv.job.sections import is_of_nodes
+from hpcinv.job.quantity_of_interest import is_of_nodes
 from hpcinv.output.surfaces.boundary_surface import NAME, read_boundary
 from hpcinv.output.surfaces.decimation import decimated
 from hpcinv.output.surfaces.snapshots import NAME as SNAPSHOTS

@@ -7,7 +7,7 @@ import pytest
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutputError
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource

@@ -10,7 +10,8 @@ from helpers.sheets import sheet
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
-from hpcinv.job.sections import MeshSpec, Shell
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.io.isolated import read_isolated

@@ -19,7 +19,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.spatial_fields import VaryingQuantity
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import load
-from hpcinv.job.sections import Shell
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.cells import LayerDegree, jacobians, quadrature, quadrature_metadata
 from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.midsurface import surface_source, thicken

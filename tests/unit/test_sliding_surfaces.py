@@ -5,7 +5,7 @@ import pytest
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import MeshError
-from hpcinv.job.sections import Support
+from hpcinv.job.support import Support
 from hpcinv.mesh.source import Floats
 from hpcinv.model.sliding_surfaces import surface_of
 

@@ -16,7 +16,7 @@ import hpcinv as package
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError, MeshError
 from hpcinv.geometry.vessels.flat_ends import without_caps
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh import read_source
 from hpcinv.mesh.checks import check

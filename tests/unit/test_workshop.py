@@ -29,7 +29,8 @@ from hpcinv.geometry.workshop.formats import WRITERS, write
 from hpcinv.geometry.workshop.mould import Split, loose_pieces, mould, undercut
 from hpcinv.geometry.workshop.solid import Solid, region_cells, solid_of, volume_of
 from hpcinv.job.job import load as load_job
-from hpcinv.job.sections import MeshSpec, Shell
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.shell_section import Shell
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.checks import check
 from hpcinv.mesh.io.gmsh_model import session

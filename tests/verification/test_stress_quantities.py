@@ -20,7 +20,7 @@ from helpers.verification import Solved, box, job
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import JobError, MeshError
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh import build_body
 from hpcinv.results.quantities_of_interest import check_points, evaluate
 from hpcinv.results.solution import solution_of

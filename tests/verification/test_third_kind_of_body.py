@@ -15,7 +15,7 @@ import hpcinv
 from hpcinv import on_demand
 from hpcinv.base.quantity.parameter_paths import Number
 from hpcinv.job import body_kinds, kind_rules
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.kind_source import KindSource
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.output.result import Result

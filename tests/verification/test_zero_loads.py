@@ -16,7 +16,7 @@ from helpers.verification import box, job
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.cavities import CONTROLS
-from hpcinv.job.sections import Support
+from hpcinv.job.support import Support
 from hpcinv.mesh import build_body
 from hpcinv.mesh.source import MeshSource
 from hpcinv.physics.effects import effects

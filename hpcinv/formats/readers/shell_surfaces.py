@@ -11,7 +11,8 @@ from hpcinv.base.mesh_formats.vtu import REGION
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import MeshError
 from hpcinv.formats.readers.elements import loose_nodes
-from hpcinv.job.sections import SURFACES, ArrayLabels
+from hpcinv.job.mesh_file import SURFACES
+from hpcinv.job.mesh_section import ArrayLabels
 from hpcinv.mesh.cells import degree_of, no_cells, scalar_element, sub_entities, vertex_count, vtk_order
 from hpcinv.mesh.checks import check_nodes
 from hpcinv.mesh.io.isolated import Arrays, read_isolated

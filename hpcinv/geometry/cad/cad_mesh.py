@@ -15,7 +15,7 @@ from hpcinv.base.reading.cad_files import given_name, solid_names
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
 from hpcinv.geometry.cad.small_features import report_small_features
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session

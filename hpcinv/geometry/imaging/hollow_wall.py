@@ -10,7 +10,7 @@ from scipy import ndimage
 from hpcinv.errors import MeshError
 from hpcinv.geometry.imaging.image_mesh import image_mesh
 from hpcinv.geometry.imaging.label_image import read_labels
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable, connected
 

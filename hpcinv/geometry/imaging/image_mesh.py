@@ -24,7 +24,8 @@ from hpcinv.geometry.imaging.packages import package
 from hpcinv.geometry.imaging.specks import check_extent, check_thickness, remove_specks, represented_volumes
 from hpcinv.geometry.imaging.surroundings import OUTSIDE, NameArray, surroundings
 from hpcinv.geometry.imaging.wall_sizes import WallSizes, wall_sizes
-from hpcinv.job.sections import CUT, MeshSpec
+from hpcinv.job.mesh_file import CUT
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.cells import mirrored
 from hpcinv.mesh.crossing_facets import find_overlap
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource

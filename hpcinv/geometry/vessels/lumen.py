@@ -15,7 +15,7 @@ from hpcinv.geometry.imaging.image_surface import surface_around
 from hpcinv.geometry.imaging.label_image import read_labels
 from hpcinv.geometry.vessels.centrelines import read_centrelines, surface_of_tubes
 from hpcinv.geometry.vessels.flat_ends import open_edges, rims_of, without_caps
-from hpcinv.job.sections import CENTRELINE, MeshSpec
+from hpcinv.job.mesh_section import CENTRELINE, MeshSpec
 from hpcinv.mesh.io.surface_files import read_triangles
 from hpcinv.mesh.source import Floats
 

@@ -36,7 +36,7 @@ from hpcinv.geometry.vessels.wall_layers import (
     tetrahedra,
 )
 from hpcinv.job.lumen import INNER, OUTER, WALL
-from hpcinv.job.sections import MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.cell_count import require_at_most
 from hpcinv.mesh.cells import mirrored
 from hpcinv.mesh.checks import det

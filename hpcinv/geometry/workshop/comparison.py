@@ -14,7 +14,8 @@ from hpcinv.geometry.imaging.closed_surface import read_closed
 from hpcinv.geometry.imaging.image_surface import image_surface
 from hpcinv.geometry.workshop.run_shapes import UNDEFORMED, read_shape
 from hpcinv.geometry.workshop.solid import solid_of
-from hpcinv.job.sections import FORMATS, IMAGES, SURFACES, MeshSpec
+from hpcinv.job.mesh_file import FORMATS, IMAGES, SURFACES
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.source import MeshSource
 from hpcinv.output.run_directory import RunDirectory

@@ -8,7 +8,8 @@ from typing import Any
 from hpcinv.base.files.names import is_file
 from hpcinv.base.mesh_formats import FORMATS
 from hpcinv.errors import JobError, OutputError
-from hpcinv.job.sections import MeshSpec, Shell
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.shell_section import Shell
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.mesh.body import read_source
 from hpcinv.mesh.midsurface import thicken

@@ -20,8 +20,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_by_signals
 from hpcinv.base.reading.reader_outcome import ending, fault_found
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.resolved_job import file_digest
-from hpcinv.job.sections import MeshSpec
 
 _SECONDS = 60  # of processor time for a small file; a damaged one may take as long, if raised
 _BYTES_PER_SECOND = 1e6  # that the slowest format takes at least, text; large files are refused if raised

@@ -10,7 +10,7 @@ from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.base.quantity.units import length_symbol, parse_quantity, readable
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.job.job import Job
-from hpcinv.job.sections import IMAGES
+from hpcinv.job.mesh_file import IMAGES
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.surface import Surface, gather_surface

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.errors import HpcinvError, OutputError, SystemPartMissing
-from hpcinv.job.sections import REACTIONS, QuantityOfInterest, is_of_nodes
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, is_of_nodes
+from hpcinv.job.vocabulary import REACTIONS
 from hpcinv.output.surfaces import boundary_surface as surface
 from hpcinv.output.surfaces import snapshots
 from hpcinv.output.surfaces.boundary_surface import Boundary, read_boundary

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from hpcinv.base.quantity.arrays import Floats
 from hpcinv.base.quantity.stress_measures import COMPONENTS
 from hpcinv.base.quantity.units import parse_quantity
-from hpcinv.job.sections import IMAGES
+from hpcinv.job.mesh_file import IMAGES
 from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
 from hpcinv.output.surfaces.decimation import MOST, Decimated, decimated
 from hpcinv.output.surfaces.interior import Interior, InteriorResult

@@ -19,8 +19,8 @@ from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
 from hpcinv.job.mesh_generators import resolution_of
+from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.region_rules import RegionRule
-from hpcinv.job.sections import MeshSpec
 from hpcinv.mesh.body import Body, build_body, read_source
 from hpcinv.mesh.gathered_cells import FARTHEST, GatheredCells
 from hpcinv.mesh.source import MeshSource

@@ -22,7 +22,8 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.filling_points import filling_points
 from hpcinv.job.identification import TABLES, Observation
 from hpcinv.job.job import Job
-from hpcinv.job.sections import CUBIC, MeshSpec
+from hpcinv.job.mesh_section import MeshSpec
+from hpcinv.job.vocabulary import CUBIC
 from hpcinv.mesh import Body, reorder_to_source
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position

@@ -19,7 +19,7 @@ from hpcinv.formats.cards.card import Values
 from hpcinv.formats.feb import HEAD, mesh_lines
 from hpcinv.formats.readers.elements import elements_of
 from hpcinv.geometry.workshop.cell_mesh import write_cells
-from hpcinv.job.sections import AXES
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.traction import Traction

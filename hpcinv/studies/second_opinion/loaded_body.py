@@ -14,7 +14,8 @@ from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES, Support
+from hpcinv.job.support import Support
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.physics.effects import Effect

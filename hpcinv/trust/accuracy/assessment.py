@@ -20,7 +20,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hpcinv.job.sections import QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityValue
 
 UNTESTED, LEAST, MOST = 2.0, 1.5, 10.0  # safety factors: of an untested estimate, and their bounds
 FASTEST = 4.0  # largest presumed order of the errors that the estimate does not contain

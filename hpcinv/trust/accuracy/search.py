@@ -13,7 +13,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns

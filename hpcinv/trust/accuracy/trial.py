@@ -13,7 +13,7 @@ from hpcinv.base.parallel.timings import Timings
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job, PlannedSolve
-from hpcinv.job.sections import QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityValue
 from hpcinv.mesh import Body
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats, Ints

@@ -42,7 +42,7 @@ from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.job.body_kinds import BodyKind
-from hpcinv.job.sections import QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.location import Point, cells_at, locate, position

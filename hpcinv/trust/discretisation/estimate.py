@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from hpcinv.job.sections import QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
 from hpcinv.job.state_differences import parts, with_differences
 from hpcinv.mesh.source import Floats
 

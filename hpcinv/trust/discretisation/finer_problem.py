@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh.source import Floats
 from hpcinv.model.state import State
 from hpcinv.results.solution import Solution

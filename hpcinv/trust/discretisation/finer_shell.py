@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from dolfinx import fem
 
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.linear.cost_model import Forecast

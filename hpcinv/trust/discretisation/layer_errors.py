@@ -12,7 +12,8 @@ from functools import partial
 import numpy as np
 
 from hpcinv.base.parallel.runtime import on_root
-from hpcinv.job.sections import LENGTH, STRESS, QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
+from hpcinv.job.vocabulary import LENGTH, STRESS
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.source import Floats, Ints, MeshSource

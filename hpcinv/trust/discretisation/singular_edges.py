@@ -18,7 +18,7 @@ import numpy as np
 
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.job.job import Job
-from hpcinv.job.sections import AXES
+from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
 from hpcinv.mesh.cells import FACET_KIND, kind_and_degree, sub_entities

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.location import locate

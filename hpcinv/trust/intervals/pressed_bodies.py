@@ -20,7 +20,7 @@ from scipy.sparse import csr_array, vstack
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contacts import ContactReport

@@ -30,8 +30,9 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityValue, Support
+from hpcinv.job.quantity_of_interest import QuantityValue
 from hpcinv.job.sensitivities import Parameter, tied_parameters
+from hpcinv.job.support import Support
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import local_node_values
 from hpcinv.mesh.kind_source import source_of

@@ -16,8 +16,8 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.job.job import Job
-from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.support import Support
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

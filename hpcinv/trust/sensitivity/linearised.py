@@ -11,7 +11,7 @@ import numpy as np
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
 from hpcinv.job.kind_rules import KIND_RULES
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats

@@ -14,7 +14,7 @@ import numpy as np
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.location import locate
 from hpcinv.mesh.source import Floats

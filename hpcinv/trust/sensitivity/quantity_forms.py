@@ -16,7 +16,7 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.base.quantity.stress_measures import components_of, measure_named
-from hpcinv.job.sections import QuantityOfInterest
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.mesh.cells import quadrature_metadata
 from hpcinv.mesh.location import locate
 from hpcinv.mesh.regions import find

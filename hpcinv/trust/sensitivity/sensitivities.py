@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx import fem
 
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.job.state_differences import with_differences
 from hpcinv.mesh import Body

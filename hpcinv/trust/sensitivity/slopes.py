@@ -25,7 +25,7 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.job import Job
-from hpcinv.job.sections import QuantityOfInterest, QuantityValue
+from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.location import Point, PointLocation

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.job.sections import Support
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.job.support import Support
 from hpcinv.mesh.source import Floats
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

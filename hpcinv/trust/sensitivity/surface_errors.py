@@ -22,7 +22,8 @@ from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 from hpcinv.base.quantity.units import Dimension, readable
 from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
-from hpcinv.job.sections import CUT, QuantityOfInterest
+from hpcinv.job.mesh_file import CUT
+from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
