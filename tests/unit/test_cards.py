@@ -11,6 +11,7 @@ from helpers.card_cases import AXES, State, energy, law_of, material, volumetric
 from mpmath import mp
 
 from hpcinv.formats.cards import abaqus, ansys, febio
+from hpcinv.formats.cards.card import UnknownLaw
 
 FIBRES = {"fibre1": (0.6, 0.8, 0.0), "fibre2": (0.6, -0.8, 0.0)}
 SQRT_3 = 3**0.5
@@ -348,3 +349,10 @@ def test_chains_without_a_constraint_carry_no_stress_at_rest() -> None:
 
 def volumetric_around_rest(x: Any) -> Any:
     return (1 + x) * mp.eye(3)
+
+
+def test_fibres_that_carry_compression_are_refused() -> None:
+    text = CASES["febio solid mixture"][1].replace("<lam0>", "<tension_only>{}</tension_only><lam0>")
+    assert febio.read(text.format(1)).law.material == febio.read(CASES["febio solid mixture"][1]).law.material
+    with pytest.raises(UnknownLaw, match="fiber-pow-linear with compression has no counterpart"):
+        febio.read(text.format(0))
