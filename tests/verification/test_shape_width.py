@@ -19,7 +19,7 @@ from hpcinv.trust.intervals.shape_width import shape_width
 
 
 @pytest.mark.parallel([2, 1])
-def test_width_over_a_box_of_pressures_is_the_sum_of_both(comm: MPI.Intracomm) -> None:
+def test_width_over_a_box_of_pressures_is_the_sum_of_both(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pressures p and q from 0 to 1 move nodes by p x along x, and by p y + 2 q x along y."""
     mesh = create_unit_cube(comm, 2, 2, 2)
     space = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -35,6 +35,11 @@ def test_width_over_a_box_of_pressures_is_the_sum_of_both(comm: MPI.Intracomm) -
     assert width.place[:2] == pytest.approx((3.0, 3.0))
     assert not width.unbounded
     assert len(said) == 1
+    monkeypatch.setattr("hpcinv.trust.intervals.shape_width._MOST", 1)  # as of a body with many tractions
+    bound = shape_width(near, moves, 3.0, said.append)
+    assert bound.rows == 1
+    assert (bound.field.x.array <= width.field.x.array + 1e-12).all()
+    assert 0 < bound.largest <= width.largest + 1e-12
     without_end = AdmissibleTractions(np.zeros(2), np.zeros(0), np.zeros((0, 2)), np.array([1.0, np.inf]), np.zeros(0))
     assert shape_width(without_end, moves, 1.0, said.append).unbounded
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.source import Floats
 from hpcinv.trust.intervals.friction_cones import FrictionCones
 
@@ -85,6 +86,27 @@ class AdmissibleTractions:
         if (fault := self._fault()) is not None:
             raise fault
         raise UnboundedEnd
+
+    def common_end(
+        self,
+        comm: MPI.Intracomm,
+        slopes: Floats,
+        sign: float,
+        reach: float = np.inf,
+        directions: Sequence[Sequence[Floats]] = (),
+    ) -> Floats:
+        """Return `end` as rank 0 finds it: others might choose other numbers for the same end; collective."""
+        found: Floats | Exception | None = None
+        if comm.rank == 0:
+            try:
+                found = self.end(slopes, sign, reach, directions)
+            except Exception as reason:  # raised on all ranks
+                found = reason
+        found = comm.bcast(found)
+        if isinstance(found, Exception):
+            raise found
+        values: Floats = found
+        return values
 
     @property
     def depth(self) -> float:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -198,18 +197,8 @@ class _Ends:
         return solved.values[name], solved.near, solved.slopes[name]
 
     def _chosen(self, sign: float, near: AdmissibleTractions, slopes: Floats, reach: float) -> Floats:
-        """Return the numbers at an end, found on one rank: others might choose other numbers for the same end."""
-        found: Any = None
+        """Return the numbers at an end; collective."""
         for cone, further in zip(near.cones, self._directions, strict=True):
             further.append(cone.directions(near.values))
             del further[:-_PLANES]
-        if self._comm.rank == 0:
-            try:
-                found = near.end(slopes, sign, reach, self._directions)
-            except (UnboundedEnd, NoPressure) as reason:
-                found = reason
-        found = self._comm.bcast(found)
-        if isinstance(found, Exception):
-            raise found
-        values: Floats = found
-        return values
+        return near.common_end(self._comm, slopes, sign, reach, self._directions)

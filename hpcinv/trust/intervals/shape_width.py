@@ -62,19 +62,16 @@ def shape_width(
     low, high = np.full(len(columns), np.inf), np.full(len(columns), -np.inf)
     rows, unbounded = _chosen_rows(columns[:owned], comm), False
     started = time.perf_counter()
-    for number, row in enumerate(rows):
-        for sign in (-1.0, 1.0):
-            values = _end(near, row, sign, comm)
-            if values is None:
-                unbounded = True
-                break
-            changes = columns @ (values - near.values)
-            low, high = np.minimum(low, changes), np.maximum(high, changes)
-        if unbounded:
-            break
-        if number == 0:
-            seconds = comm.allreduce(time.perf_counter() - started, op=MPI.MAX) * len(rows)
-            announce(f"width of the shape: {2 * len(rows)} linear programs in {seconds:.2g} s")
+    try:
+        for number, row in enumerate(rows):
+            for sign in (-1.0, 1.0):
+                changes = columns @ (near.common_end(comm, row, sign) - near.values)
+                low, high = np.minimum(low, changes), np.maximum(high, changes)
+            if number == 0:
+                seconds = comm.allreduce(time.perf_counter() - started, op=MPI.MAX) * len(rows)
+                announce(f"width of the shape: {2 * len(rows)} linear programs in {seconds:.2g} s")
+    except UnboundedEnd:
+        unbounded = True
     half = np.maximum(np.where(high >= low, high - low, 0.0) / 2, 0.0).reshape(-1, 3).max(axis=1)
     scalar = fem.functionspace(space.mesh, ("Lagrange", space.ufl_element().degree))
     field = fem.Function(scalar, name="contact half width")
@@ -83,22 +80,6 @@ def shape_width(
     found = comm.allgather((float(half.max(initial=0.0)), tuple(nodes[half.argmax()].tolist()) if len(half) else ()))
     largest, place = max(found)
     return ShapeWidth(field, largest, place, len(rows), unbounded)
-
-
-def _end(near: AdmissibleTractions, row: Floats, sign: float, comm: MPI.Intracomm) -> Floats | None:
-    """Return the numbers at an end, found on one rank; ``None`` if there is no end."""
-    found: Floats | Exception | None = None
-    if comm.rank == 0:
-        try:
-            found = near.end(row, sign)
-        except UnboundedEnd:
-            pass
-        except Exception as reason:  # raised on all ranks
-            found = reason
-    found = comm.bcast(found)
-    if isinstance(found, Exception):
-        raise found
-    return found
 
 
 def _chosen_rows(columns: Floats, comm: MPI.Intracomm) -> list[Floats]:
