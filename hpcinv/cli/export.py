@@ -49,8 +49,8 @@ def add_export(commands: Any) -> None:
         "--deck",
         type=Path,
         metavar="FILE",
-        help="whole deck of CalculiX and Abaqus (.inp) or FEBio (.feb): rest shape, laws, supports, loads; and "
-        "NAME-expected.csv",
+        help="whole deck of CalculiX and Abaqus (.inp), FEBio (.feb) or Ansys (.cdb, .dat): rest shape, laws, "
+        "supports, loads; and NAME-expected.csv",
     )
     export.add_argument(
         "--copy-of",
@@ -142,15 +142,22 @@ def _export(options: argparse.Namespace) -> int:
 
 def _export_deck(options: argparse.Namespace, unit: float) -> int:
     """Write what another program needs to load the rest shape."""
+    from hpcinv.studies.second_opinion.ansys_archive import write_archive
     from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
     from hpcinv.studies.second_opinion.febio_model import LOADS, write_model
     from hpcinv.studies.second_opinion.loaded_body import WRITERS, loaded_body
 
-    programs = {".inp": (write_deck, WRITERS), ".feb": (write_model, LOADS)}
+    programs = {
+        ".inp": (write_deck, WRITERS),
+        ".feb": (write_model, LOADS),
+        ".cdb": (write_archive, WRITERS),
+        ".dat": (write_archive, WRITERS),
+    }
     suffix = suffix_of(options.deck)
     if suffix not in programs:
         raise OutputError(
-            f"--deck {options.deck}: is not a deck of CalculiX, Abaqus or FEBio; its name must end with .inp or .feb"
+            f"--deck {options.deck}: is not a deck of CalculiX, Abaqus, FEBio or Ansys",
+            f"Let its name end with {', '.join(programs)}.",
         )
     write, loads = programs[suffix]
     body = loaded_body(options.run, loads)

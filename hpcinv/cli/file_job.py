@@ -95,7 +95,7 @@ class FileJob:
         from hpcinv.formats.readers.elements import loose_nodes
 
         if self._deck.is_linear:
-            yield "The file is solved for small displacements (*STEP without NLGEOM), this job for large ones."
+            yield "The file is solved for small displacements (without NLGEOM), this job for large ones."
         yield from loose_nodes(self._source)
 
     def _mesh(self) -> dict[str, Any]:

@@ -99,7 +99,7 @@ def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mappin
 
 
 def _surface(source: MeshSource, group: Group, elements: Ints, used: Ints) -> Iterator[str]:
-    from hpcinv.base.reading.inp_files import FACES
+    from hpcinv.base.reading.element_faces import FACES
     from hpcinv.formats.readers.elements import faces_of
     from hpcinv.mesh.cells import vertex_count
 

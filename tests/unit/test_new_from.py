@@ -463,9 +463,10 @@ def test_rigid_bodies_of_calculix_become_remote_loads(tmp_path: Path) -> None:
 def test_an_archive_of_ansys_is_a_job(tmp_path: Path) -> None:
     job, text = job_of(tmp_path, "part.cdb", CDB)
     assert job["material"] == {"law": "neo-hookean", "young": "2.5 MPa", "poisson": 0.3}
-    assert job["supports"] == [{"region": "FOOT", "fix": ["x"]}]
-    assert "D,UY of 1 nodes that are not a component" in text
-    assert "Not taken from the file: SFE" in text
+    assert job["supports"] == [{"region": "FOOT", "fix": ["x"]}, {"region": "held_y_vertices", "fix": ["y"]}]
+    assert job["regions"]["held_y_vertices"] == {"vertices": [["0 mm", "0 mm", "1 mm"]]}
+    assert job["effects"] == [{"effect": "pressure", "region": "FOOT", "pressure": "1 MPa"}]
+    assert "what follows the end of the file, which has no FINISH" in text
 
 
 UNITS = ["--unit", "mm", "--stress-unit", "MPa"]

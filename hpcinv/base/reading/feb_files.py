@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from hpcinv.base.reading.door import admitted
+from hpcinv.base.reading.element_faces import FACES
 from hpcinv.base.reading.fault import Fault, shown
 from hpcinv.base.reading.feb_model import local_name, local_nodes, model_of
-from hpcinv.base.reading.inp_files import FACES
 from hpcinv.base.reading.numbered_elements import integers
 
 _SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}

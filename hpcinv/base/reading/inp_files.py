@@ -33,6 +33,7 @@ from hpcinv.base.reading.abaqus_parts import (
     solid_face,
     whole_tags,
 )
+from hpcinv.base.reading.element_faces import with_vertices
 from hpcinv.base.reading.fault import Fault, shown
 from hpcinv.base.reading.included_files import lines_of
 from hpcinv.base.reading.numbered_elements import integers
@@ -47,11 +48,6 @@ from hpcinv.base.reading.standing_conditions import (
     vectors,
 )
 
-FACES = {
-    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-}
-"""vertices of the faces S1, S2, … of an element, by its number of vertices"""
 _SOLID = re.compile(r"C3D(4|10|8|20|27)[A-Z]*")
 _NOT_SOLID = re.compile(
     r"(?:CPS|CPE|CAX|S|STRI|M3D|SFM3D|R3D|DS|T[23]D|B3|C1D|MASS|ROTARYI|DASHPOT|GAP|DCOUP|CONN)\w*|D", re.ASCII
@@ -158,7 +154,7 @@ class _Conditions:
         """Return nodes that are held or loaded alike, by the name of their set."""
         single = self.single
         nodes = {name: nodes for name, _, nodes in held_groups(by_axis(single.held))}
-        nodes |= _with_vertices(dict(force_groups(vectors(single.forces, is_scaled=False))), part)
+        nodes |= with_vertices(dict(force_groups(vectors(single.forces, is_scaled=False))), part.elements.values())
         if has_rotations:
             nodes |= dict(force_groups(vectors(single.moments, is_scaled=False), "turned"))
         return nodes
@@ -170,53 +166,6 @@ def _faces(
     """Yield the name of each set of faces or edges that are loaded alike, and elements with names of their faces."""
     for name, _, places in pressed_groups({place: value.raw for place, value in standing.values.items()}, called):
         yield name, [(element, f"{letter}{face}" if face else "") for element, face in sorted(places)]
-
-
-_MIDDLES = {
-    10: {(0, 1): 4, (1, 2): 5, (0, 2): 6, (0, 3): 7, (1, 3): 8, (2, 3): 9},
-    20: {
-        (0, 1): 8,
-        (1, 2): 9,
-        (2, 3): 10,
-        (0, 3): 11,
-        (4, 5): 12,
-        (5, 6): 13,
-        (6, 7): 14,
-        (4, 7): 15,
-        (0, 4): 16,
-        (1, 5): 17,
-        (2, 6): 18,
-        (3, 7): 19,
-    },
-}
-"""middle node of an edge by its vertices, by number of nodes of an element"""
-_SQUARE = {10: 4, 20: 8}
-
-
-def _with_vertices(loaded: Mapping[str, frozenset[int]], part: Part) -> dict[str, frozenset[int]]:
-    """Return sets of loaded nodes with the vertices of the faces all of whose middle nodes they have.
-
-    The load of a uniform traction has no force on the vertices of C3D10, and opposite ones on the vertices of C3D20. A
-    set that has vertices of another set's faces only is left out: its forces belong to that traction.
-    """
-    result = {}
-    for name, nodes in loaded.items():
-        vertices: set[int] = set()
-        for element in part.elements.values():
-            if len(element) in _MIDDLES and len(nodes.intersection(element)) > 2:
-                vertices.update(_vertices_of_faces(element, nodes))
-        result[name] = nodes | vertices
-    merged = {a for a in loaded for b in loaded if a != b and loaded[a] <= result[b] - loaded[b]}
-    return {name: nodes for name, nodes in result.items() if name not in merged}
-
-
-def _vertices_of_faces(element: Sequence[int], nodes: frozenset[int]) -> Iterator[int]:
-    """Yield the vertices of the faces of an element all of whose middle nodes are in a set."""
-    middles = _MIDDLES[len(element)]
-    for face in FACES[_SQUARE[len(element)]]:
-        edges = ((min(pair), max(pair)) for pair in ((face[i - 1], face[i]) for i in range(len(face))))
-        if all(element[middles[edge]] in nodes for edge in edges):
-            yield from (element[corner] for corner in face)
 
 
 def read_inp(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

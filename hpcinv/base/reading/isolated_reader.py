@@ -123,6 +123,7 @@ ACTIONS: dict[str, _Action] = {
     "inp-shells": _reader("base.reading.inp_files", "read_inp_shells"),
     "feb": _reader("base.reading.feb_files", "read_feb"),
     "bdf": _reader("base.reading.bdf_files", "read_bdf"),
+    "cdb": _reader("base.reading.cdb_files", "read_cdb"),
     "vtk": _vtk,
     "image": _image,
     "surface": _surface,

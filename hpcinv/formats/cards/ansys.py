@@ -73,7 +73,7 @@ def read(text: str, name: str | None = None) -> Card:
         raise CardError(f"material {selected} has several TB,HYPER")
     (table,) = material.tables
     law = _law_of(table)
-    notes = tuple(f"MP,{p} was not taken" for p in dict.fromkeys(material.properties))
+    notes = tuple(f"MP,{p} is not part of the law" for p in dict.fromkeys(material.properties))
     return Card(selected, table.title, replace(law, notes=law.notes + notes), reader.unit)
 
 
@@ -249,14 +249,14 @@ _BY_LETTERS = {name[:4]: name for name in _OPTIONS}
 """options by their first letters, which Ansys reads"""
 
 
-def write(values: Values, name: str) -> str:
-    """Return the card of a law, as material 1.
+def write(values: Values, name: str, material: int = 1) -> str:
+    """Return the card of a law, with the number of its material.
 
     Raises:
         UnknownLaw: it has no counterpart.
     """
     option, points, constants = values.writer(_CARDS, "TB,HYPER has no such energy")(values)
-    lines = [f"! {name}", f"TB,HYPER,1,,{points},{option}"]
+    lines = [f"! {name}", f"TB,HYPER,{material},,{points},{option}"]
     for i in range(0, len(constants), _PER_LINE):
         lines.append(",".join([f"TBDATA,{i + 1}", *map(shown, constants[i : i + _PER_LINE])]))
     return "\n".join([*lines, ""])

@@ -1,22 +1,25 @@
-"""Supports of archives of Ansys, whose ``D`` commands name nodes one by one, and materials."""
+"""Supports, loads and materials of archives of Ansys, which name nodes, faces of elements and components."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar
 
+from hpcinv.base.reading.archive_conditions import CONDITIONS
+from hpcinv.base.reading.cdb_files import Archive, archive_of
+from hpcinv.base.reading.fault import Fault
 from hpcinv.formats.cards.ansys import Property, property_of
-from hpcinv.formats.cards.card import number
-from hpcinv.formats.cards.deck import Deck, isotropic
+from hpcinv.formats.cards.card import CardError, number
+from hpcinv.formats.cards.deck import Deck, Measure, NodalForces, isotropic
 from hpcinv.job.body_kinds import SOLID
 
-_AXES = {"UX": "x", "UY": "y", "UZ": "z"}
-_READ_ELSEWHERE = frozenset({"ET", "ETBL", "NBLO", "CMBL", "N", "TBDA", "TBTE"})
-"""commands on the mesh and on tables of materials, by the first four letters, which are those that Ansys reads"""
+_READ_ELSEWHERE = CONDITIONS | {"ET", "ETBL", "NBLO", "CMBL", "N", "TBDA", "TBTE"}
+"""commands on mesh, conditions and tables of materials, by the first four letters, which are those that Ansys reads"""
 _WITHOUT_EFFECT = frozenset(
     {"/COM", "/PRE", "/NOP", "/GO", "/GOP", "/TIT", "/UNI", "/SOL", "FINI", "/BAT", "/CON", "/WB", "/NOL", "/GOL"}
-    | {"*IF", "*END", "*ELS", "NUMO", "DOF", "EXTO", "MPTE", "TOFF", "TREF", "/EOF", "/EXI", "SAVE", "ESEL", "NSEL"}
-    | {"ALLS", "CMSE", "KEYO", "/POS", "SOLV", "/STA", "ANTY", "OUTR", "OUTP", "R", "RLBL", "SECT", "SECD", "SECO"}
+    | {"*IF", "*END", "*ELS", "NUMO", "DOF", "EXTO", "MPTE", "TOFF", "TREF", "/EOF", "/EXI", "SAVE", "ESEL"}
+    | {"KEYO", "/POS", "/STA", "ANTY", "OUTR", "OUTP", "R", "RLBL", "SECT", "SECD", "SECO"}
+    | {"NROP", "NSUB", "AUTO", "CNVT", "TIME", "KBC", "DELT", "EQSL", "SET", "PRNS", "/FOR", "/GRA", "/OUT", "/PAG"}
 )
 """commands on what the job has from elsewhere, on the order of a program, or on its output"""
 
@@ -36,33 +39,35 @@ def body_kind(text: str) -> str:
 
 
 def read_deck(text: str, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
-    """Return what the archive says; a displacement of nodes is a support if a component has just these nodes.
+    """Return what the archive says at its end.
 
     Raises:
         CardError: a number is damaged.
     """
     reader = _ArchiveReader()
     for line in text.splitlines():
-        name, *entries = (word.strip() for word in line.split(","))
+        name, *entries = (word.strip() for word in line.split("!")[0].split(","))
         reader.read(name.upper(), entries)
-    return reader.deck(nodes_of_sets)
+    try:
+        return reader.deck(archive_of(text))
+    except Fault as fault:
+        raise CardError(fault.text) from None
 
 
 class _ArchiveReader:
     """Reads the commands in order.
 
     Attributes:
-        nodes: held ones by label and displacement.
-        moduli: of the materials, by their names.
+        moduli: of the materials, by their names; with ``DENS``.
         laws: numbers of the materials that have a table.
     """
 
     def __init__(self) -> None:
-        self.nodes: dict[tuple[str, float], set[int]] = {}
         self.moduli: dict[str, dict[str, float]] = {}
         self.laws: dict[str, None] = {}
         self._variables: dict[str, str] = {}
         self._unused: set[str] = set()
+        self._is_solved = self._is_large = False
 
     def read(self, command: str, entries: list[str]) -> None:
         """Read a line by its command, in upper case."""
@@ -72,11 +77,6 @@ class _ArchiveReader:
             reader(self, entries)
         elif _is_command(command) and command[:4] not in _READ_ELSEWHERE | _WITHOUT_EFFECT:
             self._unused.add(command)
-
-    def _read_support(self, entries: list[str]) -> None:
-        if len(entries) > 2 and entries[0].isdigit():
-            for label in _AXES if entries[1].upper() == "ALL" else (entries[1].upper(),):
-                self.nodes.setdefault((label, number(entries[2] or "0", "D")), set()).add(int(entries[0]))
 
     def _read_variable(self, entries: list[str]) -> None:
         if len(entries) > 1:
@@ -90,6 +90,13 @@ class _ArchiveReader:
         if "SOLID" not in [word.upper() for word in entries]:
             self._unused.add("elements of an EBLOCK that are not solids, such as contacts")
 
+    def _read_size(self, entries: list[str]) -> None:
+        """Read ``NLGEOM``."""
+        self._is_large = bool(entries) and entries[0].upper() in ("ON", "1")
+
+    def _read_solution(self, entries: list[str]) -> None:
+        self._is_solved = True
+
     def _value(self, text: str) -> str:
         return self._variables.get(text.upper(), text)
 
@@ -97,35 +104,72 @@ class _ArchiveReader:
         material = self._value(entry.material) or "1"
         if len(entry.values) > 1:
             self._unused.add(f"{command},{entry.name} of material {material} at further temperatures")
-        if entry.name in ("EX", "NUXY", "PRXY") and entry.values:
+        if entry.name in ("EX", "NUXY", "PRXY", "DENS") and entry.values:
             self.moduli.setdefault(material, {})[entry.name] = number(entry.values[0], command)
         elif entry.name.startswith(_ELASTIC):
             self._unused.add(f"{command},{entry.name} of material {material}")
 
-    def deck(self, nodes_of_sets: Mapping[str, frozenset[int]]) -> Deck:
-        """Return what the commands say."""
-        deck = Deck()
+    def deck(self, archive: Archive) -> Deck:
+        """Return what the commands say.
+
+        Raises:
+            CardError: a number of a support or a load is damaged.
+        """
+        if archive.conditions.damaged:
+            raise CardError(archive.conditions.damaged[0])
+        deck = Deck(is_linear=self._is_solved and not self._is_large)
         for material, values in self.moduli.items():
             poisson = values.get("PRXY", values.get("NUXY"))
             if "EX" in values and poisson is not None:
                 deck.linear[material] = isotropic(values["EX"], poisson)
         if len(numbers := dict.fromkeys([*self.laws, *deck.linear])) > 1:  # the regions of several materials
             deck.materials = {f"material-{number_of}": number_of for number_of in numbers}
-        held: dict[str, dict[str, float]] = {}
-        for (label, value), members in self.nodes.items():
-            region = next((name for name, own in nodes_of_sets.items() if own == members), None)
-            if label in _AXES and region is not None:
-                held.setdefault(region, {})[_AXES[label]] = value
-            else:
-                self._unused.add(f"D,{label} of {len(members):,} nodes that are not a component")
-        for region, components in held.items():
-            deck.support(region, components)
-        deck.unused += sorted(self._unused)
+        _add_conditions(deck, archive)
+        if any(acceleration := archive.conditions.acceleration):
+            components = [Measure(0.0 - component, length=1, time=-2) for component in acceleration]
+            densities = [values["DENS"] for values in self.moduli.values() if "DENS" in values]
+            deck.mass_load({"effect": "gravity", "acceleration": components}, densities, "ACEL", "MP,DENS")
+        deck.unused += [*sorted(self._unused), *_not_read(archive)]
         return deck
 
     _READERS: ClassVar[Mapping[str, Callable[[_ArchiveReader, list[str]], None]]] = {
-        "D": _read_support,
         "*SET": _read_variable,
         "TB": _read_table,
         "EBLO": _read_elements,
+        "NLGE": _read_size,
+        "SOLV": _read_solution,
     }
+
+
+def _add_conditions(deck: Deck, archive: Archive) -> None:
+    """Add supports, pressures and forces by their regions."""
+    conditions, shapes = archive.conditions, archive.shapes()
+    held: dict[str, dict[str, float]] = {}
+    for region in conditions.held_regions():
+        held.setdefault(region.name, {}).update(region.values)
+    for name, values in held.items():
+        deck.support(name, values)
+    for pressed in conditions.pressed_regions(shapes):
+        pressure = Measure(pressed.pressure, stress=1)
+        deck.effects.append({"effect": "pressure", "region": pressed.name, "pressure": pressure})
+    for loaded in conditions.force_regions(shapes):
+        deck.forces.append(NodalForces(loaded.name, f"F on {len(loaded.forces):,} nodes", loaded.forces))
+
+
+def _not_read(archive: Archive) -> Iterator[str]:
+    """Yield what of the conditions is not in the deck."""
+    conditions, shapes = archive.conditions, archive.shapes()
+    yield from (f"{command} ({count:,})" for command, count in sorted(conditions.not_read.items()))
+    if lost := conditions.lost_pressures(shapes):
+        yield f"SFE,PRES on {lost:,} faces that are not of solid elements"
+    regions = list(conditions.held_regions())
+    held = {(axis, node) for region in regions for axis in region.values for node in region.nodes}
+    if len(held) < sum(map(len, conditions.held.values())):
+        yield "D of more than 20 different displacements of nodes that are not a component"
+    if sum(len(region.forces) for region in conditions.force_regions(shapes)) < len(conditions.forces):
+        yield "F of more than 20 different directions"
+    pressed = sum(map(bool, conditions.pressed.values()))
+    if sum(len(region.faces) for region in conditions.pressed_regions(shapes)) < pressed - lost:
+        yield "SFE,PRES of more than 20 different pressures"
+    if not archive.is_ended:
+        yield "what follows the end of the file, which has no FINISH"

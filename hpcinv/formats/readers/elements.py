@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.base.reading.inp_files import FACES
+from hpcinv.base.reading.element_faces import FACES
 from hpcinv.base.reading.mesh_format import OF_NODES
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import node_order, scalar_element, vertex_count

@@ -25,6 +25,7 @@ from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers, group_of
+from hpcinv.studies.second_opinion.uniform_values import is_uniform
 
 _BODY = "BODY"
 """name of the part and of the material of a body with one law"""
@@ -45,8 +46,6 @@ _CONTROL = """<Control>
 </solver>
 </Control>"""
 """Ten steps to the full load, with the stiffness of follower pressures. Raised tolerances let FEBio's body differ."""
-_SAME = 1e-9
-"""Differences of displacements over the largest that are rounding errors; raised, a small rotation would be lost"""
 _UNITS = {1.0: "SI", 1e-3: "mm-N-s"}
 """systems of units that FEBio names, by their unit of length (m)"""
 
@@ -133,12 +132,8 @@ def _name(held: Held) -> str:
     return f"{held.place}-{AXES[held.axis]}"
 
 
-def _is_uniform(values: Floats) -> bool:
-    return bool(np.ptp(values) <= _SAME * np.abs(values).max())
-
-
 def _data(held: Held, values: Floats) -> Iterator[str]:
-    if _is_uniform(values):
+    if is_uniform(values):
         return
     yield f'<NodeData name="{_name(held)}" node_set="{escape(held.region)}" data_type="scalar">'
     yield from (f'<node lid="{number}">{value!r}</node>' for number, value in enumerate(values.tolist(), 1))
@@ -146,7 +141,7 @@ def _data(held: Held, values: Floats) -> Iterator[str]:
 
 
 def _prescribed(held: Held, values: Floats) -> str:
-    size = f">{float(values.mean())!r}" if _is_uniform(values) else f' type="map">{_name(held)}'
+    size = f">{float(values.mean())!r}" if is_uniform(values) else f' type="map">{_name(held)}'
     return (
         f'<bc name="{_name(held)}" node_set="{escape(held.region)}" type="prescribed displacement">'
         f'<dof>{AXES[held.axis]}</dof><value lc="1"{size}</value><relative>0</relative></bc>'
