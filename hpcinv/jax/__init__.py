@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 
-try:
+from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
+from hpcinv.studies.learning.missing_package import needing
+
+with needing("jax", "JAX"):
     import jax
     import jax.numpy as jnp
-except ModuleNotFoundError as error:
-    if error.name != "jax":
-        raise
-    text = "hpcinv.jax needs JAX, which is not installed. Install it by: pip install jax"
-    raise ModuleNotFoundError(text, name="jax") from None
-
-from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
 
 __all__ = ["function"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from hpcinv.base.quantity.schema import Faults, KeyPath
 from hpcinv.base.reading.suffix import suffix_of
@@ -21,13 +21,7 @@ _MESH = ("geometry_degree", "faces", "size", "grade")
 
 
 class KindRules:
-    """Rules of a job by the kind of its body.
-
-    Attributes:
-        no_node_derivatives: why there are no derivatives by the nodes of such a body; empty if there are.
-    """
-
-    no_node_derivatives: ClassVar[str] = ""
+    """Rules of a job by the kind of its body."""
 
     def unsuited(self, job: Any) -> Faults:
         """Faults of sections of a job that are not possible with the kind of its body."""
@@ -52,8 +46,6 @@ class KindRules:
 
 class ShellRules(KindRules):
     """Rules of a job with a shell."""
-
-    no_node_derivatives = "derivatives by the nodes of a shell are not supported"
 
     def unsuited(self, job: Any) -> Faults:
         yield from ((("mesh", *place), text) for place, text in _unsuited_mesh(job.mesh))

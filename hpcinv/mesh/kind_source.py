@@ -69,6 +69,19 @@ class KindSource:
         """Return the nodes (n, 3) m of the body whose mesh in the file has moved to ``shape``."""
         return shape.points
 
+    def node_direction(self, body: MeshSource, nodes: Floats, rates: Floats) -> Floats:
+        """Return rates (N, 3) of the nodes of the body as `moved` places them, from rates of the mesh in the file.
+
+        Args:
+            body: as it was given, before it moved.
+            nodes, rates: places (m) of the nodes of the mesh in the file, and their rates, (n, 3).
+        """
+        return rates
+
+    def node_gradient(self, body: MeshSource, nodes: Floats, gradient: Floats) -> Floats:
+        """Return the transpose of `node_direction`: derivatives (n, 3) from derivatives (N, 3) by nodes of the body."""
+        return gradient
+
     def saved(self, body: MeshSource, points: Floats, more: Mapping[str, DataArray]) -> tuple[MeshSource, Floats]:
         """Return mesh and nodes for a file of the body at ``points`` (n, 3) m, with more data."""
         return dataclasses.replace(body, data={**body.data, **more}), points

@@ -16,7 +16,6 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NoReturn
 
 import numpy as np
 
@@ -34,11 +33,8 @@ from hpcinv.mesh.kind_source import KindSource
 from hpcinv.mesh.quadrilaterals import halved
 from hpcinv.mesh.readers import read_surface
 from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, distinct_tags
+from hpcinv.mesh.surface_normals import DEGREE, KIND, NormalRates, nodal_normals, place_text, refuse, surface_tangents
 from hpcinv.mesh.topology import edge_neighbours, neighbour_signs, unique_rows, vertex_sets
-
-_KIND, _DEGREE = "quadrilateral", 2
-_SHARPEST = 40.0
-"""degrees between normals of cells at a common node; raised, a fold becomes a shell of changing thickness"""
 
 _NARROW = 1e-3
 """Length of an edge by the thickness below which a note names it: at 5e-5 the residual was 4e-5 of the load."""
@@ -72,7 +68,7 @@ class ShellSource(KindSource):
         return LayerDegree(degree, body.slenderness)
 
     def corrects_shear(self, body: MeshSource, degree: int) -> bool:
-        return body.layers == 1 and degree == _DEGREE
+        return body.layers == 1 and degree == DEGREE
 
     def surface_heights(self, body: MeshSource, cells: Ints, count: int) -> Floats:
         assert body.shell is not None
@@ -88,6 +84,15 @@ class ShellSource(KindSource):
 
     def moved(self, body: MeshSource, shape: MeshSource) -> Floats:
         return moved_levels(body, shape)
+
+    def node_direction(self, body: MeshSource, nodes: Floats, rates: Floats) -> Floats:
+        surface, heights = _moved_surface(body, nodes), _heights(body)
+        return np.asarray(rates + heights * NormalRates(surface).along(rates)).reshape(-1, 3)
+
+    def node_gradient(self, body: MeshSource, nodes: Floats, gradient: Floats) -> Floats:
+        by_level = gradient.reshape(-1, len(nodes), 3)
+        by_normals = (_heights(body) * by_level).sum(axis=0)
+        return np.asarray(by_level.sum(axis=0) + NormalRates(_moved_surface(body, nodes)).transposed(by_normals))
 
     def saved(self, body: MeshSource, points: Floats, more: Mapping[str, DataArray]) -> tuple[MeshSource, Floats]:
         return surface_source(body, points, more)
@@ -106,7 +111,7 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     names = [OUTER, INNER, *shell.layers]
     if taken := [group.name for group in surface.groups if group.name in names]:
         text = f"has a physical group '{taken[0]}', which is the name of a face or layer of the shell"
-        _refuse(surface.path, text, "Give the group another name.")
+        refuse(surface.path, text, "Give the group another name.")
     surface = dataclasses.replace(surface, cells=_oriented(surface))
     count = len(surface.points)
     surface, columns, thickness = _levels(surface, shell)
@@ -114,9 +119,9 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
     length = _length_by_thickness(surface, thickness, _THIN if shell.layers else _THINNEST)
     _check_faces(surface, columns[0], columns[-1])
     starts = [2 * layer * count for layer in layers]
-    cells = np.concatenate([start + _columns(_KIND, "hexahedron", surface.cells, count) for start in starts])
-    edges = np.concatenate([start + _columns("interval", _KIND, surface.facets, count) for start in starts])
-    sheet = surface.cells[:, _order(_KIND, _KIND)]
+    cells = np.concatenate([start + _columns(KIND, "hexahedron", surface.cells, count) for start in starts])
+    edges = np.concatenate([start + _columns("interval", KIND, surface.facets, count) for start in starts])
+    sheet = surface.cells[:, _order(KIND, KIND)]
     facets = np.concatenate([edges, sheet, sheet + (len(columns) - 1) * count])
     return dataclasses.replace(
         surface,
@@ -141,14 +146,14 @@ def thicken(surface: MeshSource, shell: Shell) -> MeshSource:
 
 def _levels(surface: MeshSource, shell: Shell) -> tuple[MeshSource, list[Floats], Floats]:
     """Return the surface, turned if its data say so, and by node the distances of the levels and the thickness."""
-    normals = _normals(surface)
+    normals = nodal_normals(surface)
     if shell.thickness is not None:
         thickness = _thickness(surface, shell.thickness)
         return surface, [(place - shell.surface_place) * thickness * normals for place in shell.levels], thickness
     columns = [_column(surface, shell, level) for level in range(len(shell.levels))]
     through = columns[-1] - columns[0]
     if (through * normals).sum() < 0:  # by the order of their nodes, cells have the other normal
-        surface = dataclasses.replace(surface, cells=mirrored(_KIND, _DEGREE, surface.cells))
+        surface = dataclasses.replace(surface, cells=mirrored(KIND, DEGREE, surface.cells))
     return surface, columns, np.linalg.norm(through, axis=1, keepdims=True)
 
 
@@ -201,7 +206,7 @@ def _thickness(surface: MeshSource, given: float | Field) -> Floats:
             if array is None or array.place != "nodes" or array.values.shape[1] != 1:
                 known = ", ".join(sorted(surface.data)) or "none"
                 text = f"has no array '{given.array}' of numbers at the nodes (arrays: {known})"
-                _refuse(surface.path, text, "mesh.shell.thickness must be a number, a formula, or such an array.")
+                refuse(surface.path, text, "mesh.shell.thickness must be a number, a formula, or such an array.")
             values = array.values * given.factor
         case ByFormula():
             x, y, z = surface.points.T
@@ -214,8 +219,8 @@ def _thickness(surface: MeshSource, given: float | Field) -> Floats:
         worst = np.argmin((np.isfinite(values) & (values > 0))[:, 0])
         value = float(values[worst, 0])
         shown = readable(value, "m") if np.isfinite(value) else value
-        text = f"has a thickness of {shown} at {_place(surface.points[worst])}"
-        _refuse(surface.path, text, "Correct mesh.shell.thickness: it must be positive and finite.")
+        text = f"has a thickness of {shown} at {place_text(surface.points[worst])}"
+        refuse(surface.path, text, "Correct mesh.shell.thickness: it must be positive and finite.")
     return np.asarray(values)
 
 
@@ -231,7 +236,7 @@ def _length_by_thickness(surface: MeshSource, thickness: Floats, most: float) ->
     if extent > most * least:
         shown = f"{extent / least:,.0f}" if least else "infinitely many"
         text = f"is {long} long, {shown} times its thickness of {thick} (at most {most:,.0f})"
-        _refuse(
+        refuse(
             surface.path, text, "Are 'thickness' and mesh.unit right? In thinner shells rounding errors are too large."
         )
     return extent / least
@@ -252,8 +257,8 @@ def _check_faces(surface: MeshSource, inner: Floats, outer: Floats) -> None:
             cell, node = np.unravel_index(volumes.argmin(), volumes.shape)
             at = surface.cells[cell, node]
             thick = readable(float(np.linalg.norm(through[at])), "m")
-            text = f"is too curved for a thickness of {thick} at {_place(surface.points[at])}:"
-            _refuse(
+            text = f"is too curved for a thickness of {thick} at {place_text(surface.points[at])}:"
+            refuse(
                 surface.path,
                 f"{text} {np.count_nonzero(is_inverted)} cells of the {name} face are inside out",
                 "Is the unit of mesh.shell.thickness right? Half of it, or all of it from a face to the other one, must"
@@ -269,23 +274,11 @@ def _narrow_cells(surface: MeshSource, thickness: Floats) -> tuple[str, ...]:
     if not shares.size or shares.min() >= _NARROW:
         return ()
     worst = np.unravel_index(shares.argmin(), shares.shape)
-    width, place = readable(float(lengths[worst]), "m"), _place(surface.points[corners[worst]])
+    width, place = readable(float(lengths[worst]), "m"), place_text(surface.points[corners[worst]])
     return (
         f"an edge at {place} is {width} long, {shares[worst]:.1g} of the thickness: rounding errors may leave a"
         " residual there; join its nodes",
     )
-
-
-def surface_tangents(cells: Ints, points: Floats) -> Floats:
-    """Return the derivatives (2, c, p, 3) of the places of cells by their coordinates, at their nodes."""
-    element = scalar_element(_KIND, _DEGREE)
-    gradients: Floats = element.tabulate(1, element.points)[1:, :, :, 0]
-    return np.asarray(np.einsum("dpn,cni->dcpi", gradients, points[cells]))
-
-
-def _place(point: Floats) -> str:
-    """Text of a point (3,), in m."""
-    return f"({', '.join(f'{value:.4g}' for value in point)}) m"
 
 
 def _level_name(level: int, shell: Shell) -> str:
@@ -367,12 +360,21 @@ def moved_levels(body: MeshSource, surface: MeshSource) -> Floats:
     Raises:
         MeshError: the moved surface has cells of no area, or folds.
     """
+    return np.asarray(surface.points + _heights(body) * nodal_normals(surface)).reshape(-1, 3)
+
+
+def _heights(body: MeshSource) -> Floats:
+    """Return the distances (levels, n, 1) of the nodes of a shell from its surface, along the director."""
     assert body.midsurface is not None
-    levels = body.points.reshape(-1, len(surface.points), 3) - body.midsurface.points
+    levels = body.points.reshape(-1, len(body.midsurface.points), 3) - body.midsurface.points
     through = levels[-1] - levels[0]
     through = through / np.linalg.norm(through, axis=1, keepdims=True)
-    heights = (levels * through).sum(axis=2, keepdims=True)
-    return np.asarray(surface.points + heights * _normals(surface)).reshape(-1, 3)
+    return np.asarray((levels * through).sum(axis=2, keepdims=True))
+
+
+def _moved_surface(body: MeshSource, nodes: Floats) -> MeshSource:
+    assert body.midsurface is not None
+    return dataclasses.replace(body.midsurface, points=nodes)
 
 
 def halved_shell(body: MeshSource) -> MeshSource:
@@ -416,13 +418,13 @@ def _vectors(surface: MeshSource, name: str) -> Floats:
     if array is None or array.place != "nodes" or array.values.shape[1] != 3 or not np.isfinite(array.values).all():
         known = ", ".join(sorted(surface.data)) or "none"
         text = f"has no array '{name}' of vectors at all nodes (arrays: {known})"
-        _refuse(surface.path, text, "Give 'thickness' instead of 'director: data', or a shape file of a run.")
+        refuse(surface.path, text, "Give 'thickness' instead of 'director: data', or a shape file of a run.")
     return array.values
 
 
 def _order(kind: str, flat: str) -> Ints:
     """Local node of ``flat`` cells above which each node of ``kind`` cells lies, which have one axis more or none."""
-    columns, places = (scalar_element(k, _DEGREE).points for k in (kind, flat))
+    columns, places = (scalar_element(k, DEGREE).points for k in (kind, flat))
     dim = places.shape[1]
     distances = np.abs(columns[:, None, :dim] - places[None]).max(axis=2)
     return np.asarray(distances.argmin(axis=1), dtype=np.int64)
@@ -430,7 +432,7 @@ def _order(kind: str, flat: str) -> Ints:
 
 def _columns(flat: str, kind: str, nodes: Ints, count: int) -> Ints:
     """Cells of one dimension more, whose last axis goes through the thickness."""
-    height = np.rint(2 * scalar_element(kind, _DEGREE).points[:, -1]).astype(np.int64)
+    height = np.rint(2 * scalar_element(kind, DEGREE).points[:, -1]).astype(np.int64)
     return np.asarray(nodes[:, _order(kind, flat)] + height * count)
 
 
@@ -441,11 +443,11 @@ def _oriented(surface: MeshSource) -> Ints:
         MeshError: more than two cells share an edge, or the surface has only one side.
     """
     path, cells = surface.path, surface.cells
-    local = sub_entities(_KIND, 1)
-    vertices, place = unique_rows(vertex_sets(cells[:, : vertex_count(_KIND)], local))
+    local = sub_entities(KIND, 1)
+    vertices, place = unique_rows(vertex_sets(cells[:, : vertex_count(KIND)], local))
     sharing = np.bincount(place, minlength=len(vertices))
     if (sharing > 2).any():
-        middle = _place(surface.points[vertices[np.argmax(sharing > 2)]].mean(axis=0))
+        middle = place_text(surface.points[vertices[np.argmax(sharing > 2)]].mean(axis=0))
         raise MeshError(
             f"{path}: more than two cells meet at {(sharing > 2).sum()} edges (first: at {middle})",
             "Such a junction has no single director: leave the third sheet out, or mesh a solid.",
@@ -460,63 +462,4 @@ def _oriented(surface: MeshSource) -> Ints:
         centre = surface.points.mean(axis=0)
         if ((flat[:, :4].mean(axis=1) - centre) * areas).sum() < 0:
             sign = -sign
-    return np.where(sign[:, None] > 0, cells, mirrored(_KIND, _DEGREE, cells))
-
-
-def _normals(surface: MeshSource) -> Floats:
-    """Unit normals (n, 3) at the nodes: means over the cells around each, weighted by their angles there.
-
-    So they do not depend on how many cells a side of an edge has.
-
-    Raises:
-        MeshError: cells of no area, or a fold.
-
-    Source: Thürmer & Wüthrich, J. Graph. Tools 3, 43–46, 1998, doi:10.1080/10867651.1998.10487487.
-    """
-    element = scalar_element(_KIND, _DEGREE)
-    tangents = surface_tangents(surface.cells, surface.points)
-    normals = np.cross(tangents[0], tangents[1])
-    lengths = np.linalg.norm(normals, axis=2, keepdims=True)
-    sizes = np.linalg.norm(tangents, axis=3).prod(axis=0)[..., None]
-    if (is_flat := ~(lengths > 1e-12 * sizes).all(axis=(1, 2))).any():
-        first = _place(surface.points[surface.cells[np.argmax(is_flat)]].mean(axis=0))
-        text = f"has cells without area (first of {np.count_nonzero(is_flat)} quadrilaterals: at {first})"
-        _refuse(surface.path, text, "Merge nodes at the same place and remove such cells, or mesh it again.")
-    normals = normals / lengths
-    # The angle of a cell is between its edges at a vertex, and 180° at other nodes.
-    inward = 1 - 2 * element.points
-    inner_products = (tangents[0] * tangents[1]).sum(axis=2, keepdims=True) * inward.prod(axis=1)[:, None]
-    angles = np.where((inward == 0).any(axis=1)[:, None], np.pi, np.arctan2(lengths, inner_products))
-    sums = np.zeros_like(surface.points)
-    np.add.at(sums, surface.cells, angles * normals)
-    means = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-    cosines = (normals * means[surface.cells]).sum(axis=2)
-    # Two normals differ by at most twice the largest difference from the mean.
-    suspicious = np.unique(surface.cells[cosines < np.cos(np.radians(_SHARPEST / 2))])
-    if len(suspicious):
-        angle, node = _sharpest(surface.cells, normals, suspicious)
-        if angle > _SHARPEST:
-            place = _place(surface.points[node])
-            text = f"has a fold of {angle:.0f}° at {place}, where a shell has no normal (at most {_SHARPEST:.0f}°)"
-            _refuse(surface.path, text, "Round it off with cells of degree 2 and a finer mesh, or mesh a solid.")
-    return np.asarray(means)
-
-
-def _sharpest(cells: Ints, normals: Floats, nodes: Ints) -> tuple[float, int]:
-    """Return the largest angle (degrees) between normals (c, p, 3) of cells (c, p) at one of some nodes, and the node.
-
-    Args:
-        nodes: ascending.
-    """
-    is_there = np.isin(cells, nodes)
-    entries, vectors = cells[is_there], normals[is_there]
-    order = np.argsort(entries, kind="stable")
-    starts = np.searchsorted(entries[order], nodes)
-    around = np.split(vectors[order], starts[1:])
-    cosines = np.array([(part @ part.T).min() for part in around])
-    sharpest = int(cosines.argmin())
-    return float(np.degrees(np.arccos(np.clip(cosines[sharpest], -1, 1)))), int(nodes[sharpest])
-
-
-def _refuse(path: Path, text: str, advice: str) -> NoReturn:
-    raise MeshError(f"{path}: the surface {text}", advice)
+    return np.where(sign[:, None] > 0, cells, mirrored(KIND, DEGREE, cells))

@@ -71,6 +71,12 @@ class Workspace:
         changed = replace(array, values=own.copy() if rows else array.values.copy())
         cast(dict[str, DataArray], source.data)[name] = changed
 
+    def put_body(self, body: Body) -> None:
+        """Let later runs have another body of the same mesh file, with new equations; collective."""
+        assert self._body is not None
+        self._forget_equations()
+        self._body = self._body[0], body
+
     def _key(self, job: Job) -> tuple[str, bool]:
         """Return the key of a job's body, and whether it is the kept one, made of files as they are now; on rank 0."""
         key = body_key(job)

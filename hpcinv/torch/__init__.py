@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-try:
+from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
+from hpcinv.studies.learning.missing_package import needing
+
+with needing("torch", "PyTorch"):
     import torch
     from torch.autograd.function import once_differentiable
-except ModuleNotFoundError as error:
-    if error.name != "torch":
-        raise
-    text = "hpcinv.torch needs PyTorch, which is not installed. Install it by: pip install torch"
-    raise ModuleNotFoundError(text, name="torch") from None
-
-from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
 
 __all__ = ["function"]
 

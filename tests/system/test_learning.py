@@ -8,11 +8,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers.command_line import ROOT, environment
+from helpers.learning import check_products
 from helpers.moved_meshes import write_block
 from helpers.verification import job
 
@@ -53,28 +53,16 @@ def test_a_job_is_a_function_of_numbers_and_arrays(comm: MPI.Intracomm, run_dire
         assert model.input_shapes == ((72,), ())
         assert model.output_shapes == ((36, 3), (3,))
         values = [random.uniform(15, 30, 72), np.array(700.0)]
-        weights = [random.normal(size=shape) for shape in model.output_shapes]
         model.evaluate(model.start)
         found = model.evaluate(values)
-
-        def total(*moved: Any) -> float:
-            return sum(float((w * out).sum()) for w, out in zip(weights, model.evaluate(moved), strict=True))
-
-        direction = [random.normal(size=72), np.array(40.0)]
-        step = 1e-4
-        ends = [total(*(v + s * step * d for v, d in zip(values, direction, strict=True))) for s in (1, -1)]
-        gradient = model.gradient(values, weights)
-        slope = sum(float((g * d).sum()) for g, d in zip(gradient, direction, strict=True))
-        assert slope == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6)
-        along = model.along(values, direction)
-        assert sum(float((w * a).sum()) for w, a in zip(weights, along, strict=True)) == pytest.approx(slope, rel=1e-9)
+        check_products(model, values, [random.normal(size=72), np.array(40.0)])
     fresh = hpcinv.run(posed(comm, run_directory, values[0]).with_({LOAD: 700}), comm, progress=False)
     np.testing.assert_allclose(found[0], fresh.shape_in_file, rtol=0, atol=1e-11)
 
 
 def test_wrong_inputs_are_one_message(comm: MPI.Intracomm, run_directory: Path) -> None:
     block = posed(comm, run_directory)
-    with pytest.raises(JobError, match=r"unknown input 'material\.my': an input is a number under 'sensitivities', or"):
+    with pytest.raises(JobError, match=r"unknown input 'material\.my': an input is a number under 'sensitivities', a"):
         DifferentiableJob(block, ["material.my"], comm=comm)
     with pytest.raises(JobError, match=r"unknown output 'top'\. Did you mean 'tip'\?"):
         DifferentiableJob(block, [LOAD], ["top"], comm)
@@ -86,6 +74,14 @@ def test_wrong_inputs_are_one_message(comm: MPI.Intracomm, run_directory: Path) 
         with pytest.raises(HpcinvError, match="the shear modulus must be positive, but is -1000"):
             model.evaluate([np.full(72, -1.0), 900.0])
         assert np.isfinite(model.evaluate(model.start)[0]).all()
+        with pytest.raises(JobError, match=r"'tip' must have the shape \(3,\), not \(\)"):
+            model.gradient(model.start, [1.0])
+    force = {"name": "force", "of": "reaction", "on": "x0"}
+    with DifferentiableJob(block.with_({"quantities": [force]}), [LOAD], ["force"], comm) as model:
+        with pytest.raises(JobError, match="vjp: 'force' is a reaction or a result of contact, which has no derivat"):
+            model.gradient(model.start, [np.ones(3)])
+        with pytest.raises(JobError, match="'force' has no derivative along a direction"):
+            model.along(model.start, [1.0])
 
 
 @pytest.mark.parametrize(("package", "title"), [("torch", "PyTorch"), ("jax", "JAX")])

@@ -1,8 +1,8 @@
-"""A job as a function of numbers and data arrays, with the products of its derivatives; collective."""
+"""A job as a function of numbers, data arrays and nodes, with the products of its derivatives; collective."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any, Self
@@ -21,25 +21,28 @@ from hpcinv.mesh.source import Floats
 from hpcinv.output.result import Result
 from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.learning.given_nodes import NODES, GivenNodes
 
 SHAPE = "shape"
 
 
 class DifferentiableJob:
-    """A job whose inputs are numbers under ``sensitivities`` and data arrays of its mesh.
+    """A job whose inputs are numbers under ``sensitivities``, data arrays of its mesh, and the nodes of that.
 
     Body, equations, programs and factors are kept between evaluations, and each solve begins at the last solution.
+    Where nodes move, equations are made anew. Regions keep their facets, and points of quantities move with the body.
 
     Args:
         job: as `hpcinv.run` takes it.
         inputs: keys: of numbers under ``sensitivities``, or of quantities that the job takes from a data array, such as
-            ``material.mu``.
+            ``material.mu``; or ``mesh.nodes``, (n, 3) in m in the order of the mesh, of a shell of its surface.
         outputs: ``shape``, and names of quantities.
 
     Attributes:
         job: without certificate.
         start: the inputs in the job, in SI; arrays in the unit of the job's ``data``.
-        input_shapes, output_shapes: shapes of the arrays; a number has ``()``, ``shape`` has (nodes, 3).
+        input_shapes, output_shapes: shapes of the arrays; a number has ``()``, ``shape`` has (nodes, 3), of a shell
+            the nodes of its cells from the inner face to the outer one.
 
     Raises:
         JobError, MeshError: on all ranks, for unknown inputs and outputs, and for what the job lacks.
@@ -62,33 +65,45 @@ class DifferentiableJob:
         self._check()
         self._workspace = Workspace(comm)
         source = self._workspace.body(self.job).source
-        rows = {name: comm.bcast(array.values.shape) for name, array in source.data.items()}
-        if missing := [array for array in self._arrays.values() if array not in rows]:
+        if source.is_partitioned and (self._arrays or NODES in self.inputs):
+            raise self._error("inputs by node or by cell need a mesh in one file, not a partitioned one")
+        self._nodes = GivenNodes(self.job, self._workspace) if NODES in self.inputs else None
+        arrays = {name: comm.bcast(array.values) for name, array in source.data.items() if name in self._array_names}
+        if missing := [name for name in self._arrays.values() if name not in arrays]:
             raise self._error(f"the mesh has no data array '{missing[0]}'")
+        self.start = [np.array(self._start_of(key, arrays)) for key in self.inputs]
+        self.input_shapes = tuple(value.shape for value in self.start)
         nodes = int(comm.allreduce(len(source.points)))
-        self.input_shapes = tuple(
-            () if key in self._numbers else _plain(rows[self._arrays[key]]) for key in self.inputs
-        )
-        arrays = {key: comm.bcast(source.data[name].values) for key, name in self._arrays.items()}
-        self.start = [
-            np.array(self._numbers[key].value if key in self._numbers else arrays[key].reshape(shape))
-            for key, shape in zip(self.inputs, self.input_shapes, strict=True)
-        ]
         vectors = {quantity.name: quantity.is_vector for quantity in self.job.quantities}
         self.output_shapes = tuple((nodes, 3) if name == SHAPE else (3,) * vectors[name] for name in self.outputs)
         self._guesses: tuple[Guess, ...] = ()
         self._last: tuple[tuple[bytes, ...], Result] | None = None
+
+    @property
+    def _array_names(self) -> set[str]:
+        return set(self._arrays.values())
+
+    def _start_of(self, key: str, arrays: Mapping[str, Floats]) -> Any:
+        """Return the value of an input in the job; an array of one component has one axis."""
+        if key in self._numbers:
+            return self._numbers[key].value
+        if self._nodes is not None and key == NODES:
+            return self._nodes.start
+        values = arrays[self._arrays[key]]
+        return values[:, 0] if values.shape[1] == 1 else values
 
     def _error(self, text: str) -> JobError:
         return JobError(f"{self.job.path or 'job'}: {text}")
 
     def _check(self) -> None:
         """Refuse unknown inputs and outputs, and numbers that cannot be set."""
-        known = {p.key for p in self.job.differentiated} | _arrays_of(self.job).keys()
+        known = {NODES} | {p.key for p in self.job.differentiated} | _arrays_of(self.job).keys()
         for key in self.inputs:
             if key not in known:
-                need = "an input is a number under 'sensitivities', or a quantity from a data array"
+                need = "an input is a number under 'sensitivities', a quantity from a data array, or 'mesh.nodes'"
                 raise self._error(f"unknown input '{key}': {need}.{did_you_mean(key, known)}")
+        if self.job.accuracy and len(self._numbers) < len(self.inputs):
+            raise self._error("inputs by node or by cell need the mesh of the job: remove 'accuracy'")
         results = {SHAPE, *(quantity.name for quantity in self.job.quantities)}
         for name in self.outputs:
             if name not in results:
@@ -129,21 +144,29 @@ class DifferentiableJob:
         given = self._checked(weights, self.output_shapes, self.outputs)
         result = self._result(self._checked(values, self.input_shapes, self.inputs))
         covector = {name: weight for name, weight in zip(self.outputs, given, strict=True) if weight.any()}
-        gradient = result.vjp(covector, [key for key in self.inputs if key in self._arrays])
-        return [
-            np.array(gradient.numbers[key]) if key in self._numbers else self._factor(key) * gradient.fields[key]
-            for key in self.inputs
-        ]
+        gradient = result.vjp(covector, [key for key in self.inputs if key in self._arrays], nodes=bool(self._nodes))
+        by_input: dict[str, Floats] = {key: np.array(value) for key, value in gradient.numbers.items()}
+        by_input |= {key: self._factor(key) * by_array for key, by_array in gradient.fields.items()}
+        if self._nodes is not None and gradient.nodes is not None:
+            by_input[NODES] = self._nodes.gradient(gradient.nodes)
+        return [by_input[key] for key in self.inputs]
 
     def along(self, values: Sequence[Any], rates: Sequence[Any]) -> list[Floats]:
-        """Return the derivatives of the outputs along rates of the inputs, by one solve at the last values."""
+        """Return the derivatives of the outputs along rates of the inputs, by one solve at the last values.
+
+        Raises:
+            JobError, MeshError, SolveError: as `evaluate`, and for outputs without a derivative.
+        """
         given = self._checked(rates, self.input_shapes, self.inputs)
         result = self._result(self._checked(values, self.input_shapes, self.inputs))
-        scaled = {
-            key: float(rate) if key in self._numbers else self._factor(key) * rate
-            for key, rate in zip(self.inputs, given, strict=True)
-        }
-        changes = result.jvp(scaled)
+        rates_by_key = dict(zip(self.inputs, given, strict=True))
+        direction: dict[str, Any] = {key: float(rates_by_key[key]) for key in self._numbers}
+        direction |= {key: self._factor(key) * rates_by_key[key] for key in self._arrays}
+        if self._nodes is not None:
+            direction["nodes"] = self._nodes.direction(rates_by_key[NODES])
+        changes = result.jvp(direction)
+        if missing := [name for name in self.outputs if name not in changes]:
+            raise self._error(f"'{missing[0]}' has no derivative along a direction")
         return [np.array(changes[name], dtype=np.float64) for name in self.outputs]
 
     def _factor(self, key: str) -> float:
@@ -169,7 +192,10 @@ class DifferentiableJob:
         given = dict(zip(self.inputs, values, strict=True))
         numbers = [*self._numbers.values()]
         job = self.job.with_(stated_values(numbers, [float(given[p.key]) for p in numbers]))
-        self._workspace.body(job)
+        if self._nodes is None:
+            self._workspace.body(job)
+        else:
+            job = self._nodes.put(job, given[NODES])
         for name, array in self._arrays.items():
             self._workspace.put_array(array, given[name])
         result = run(job, self._workspace.comm, workspace=self._workspace, guesses=self._guesses)
@@ -192,8 +218,3 @@ def _fields_of(job: Job) -> dict[str, ByData]:
 def _arrays_of(job: Job) -> dict[str, str]:
     """Return the names of data arrays by the keys of the quantities that have them."""
     return {key: field.array for key, field in _fields_of(job).items()}
-
-
-def _plain(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of an array in which numbers are not vectors of one component."""
-    return shape[:1] if shape[1:] == (1,) else shape

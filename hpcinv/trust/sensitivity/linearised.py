@@ -10,7 +10,6 @@ import numpy as np
 
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job
-from hpcinv.job.kind_rules import KIND_RULES
 from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.cells import LayerDegree
@@ -135,8 +134,6 @@ class Linearised:
         return FieldParameter.of_number(parameter, self._equations, self._weak_form, self.maps)
 
     def _fault_of_nodes(self) -> str:
-        if reason := KIND_RULES[self._job.mesh.kind.name].no_node_derivatives:
-            return reason
         if self._equations.supports.slides:
             return "derivatives by nodes are not supported with supports that slide: hold axes ('fix: [x]') instead"
         if any(family.rule is not None for family in self._job.fibres.values() if hasattr(family, "rule")):
