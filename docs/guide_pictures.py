@@ -1,7 +1,7 @@
 """Pictures at the head of guides: ``python3 -m uv run python docs/guide_pictures.py [NAME…]``, by the guides' commands.
 
 Each function runs in a directory of its own with ``jobs`` and ``meshes``, and returns the drawn picture. It is kept in
-``docs/pictures``, at most 900 pixels wide. The dossier needs Chromium.
+``docs/pictures``, at most 900 pixels wide. The dossier needs Chromium, and other programs their own.
 """
 
 from __future__ import annotations
@@ -195,6 +195,19 @@ def meshes() -> str:
     return "drawn.png"
 
 
+def paraview() -> str:
+    """Needs ParaView and a display, which xvfb-run has."""
+    typed("hpcinv run jobs/pdms-beam.yaml --certificate off --output results/beam")
+    typed("hpcinv export results/beam --to beam.py")
+    script = (
+        "exec(open('beam.py').read())\n"
+        "simple.SaveScreenshot('drawn.png', layout, ImageResolution=[1400, 560], SeparatorWidth=0)\n"
+    )
+    Path("drawn.py").write_text(script)
+    typed("xvfb-run -a pvpython drawn.py")
+    return "drawn.png"
+
+
 def security() -> str:
     return boxes(
         ["download/job.yaml", "meshes and images, formulas,\nnumbers with units", "read"],
@@ -378,6 +391,7 @@ PICTURES: dict[str, Callable[[], str]] = {
     "mesh-file": meshes,
     "new-part": new,
     "own-law": extend,
+    "paraview": paraview,
     "parts": parts,
     "security": security,
     "serve": serve,

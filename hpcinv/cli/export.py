@@ -13,6 +13,7 @@ from hpcinv.base.files.untrusted import add_option
 from hpcinv.base.mesh_formats import MESHES
 from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.suffix import suffix_of
+from hpcinv.cli.export_programs import program_of, refuse_options_of_surfaces, warn_of_nodes
 from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process, length, length_unit
 from hpcinv.errors import OutputError
@@ -43,7 +44,8 @@ def add_export(commands: Any) -> None:
         "--to",
         type=Path,
         metavar="FILE",
-        help="surface (.stl, .ply, .3mf, .step), mesh of solid cells (.vtu, .inp, .pts, …), or OpenUSD (.usda)",
+        help="surface (.stl, .ply, .3mf, .step), mesh of solid cells (.vtu, .inp, .pts, …), OpenUSD (.usda), or a "
+        "state of ParaView with both bodies (.py)",
     )
     what.add_argument(
         "--deck",
@@ -104,10 +106,8 @@ def _export(options: argparse.Namespace) -> int:
         return _export_copy(options)
     if suffix_of(options.to) in MESHES:
         return _export_cells(options, unit)
-    if suffix_of(options.to) == ".pts":
-        return _export_opencarp(options)
-    if suffix_of(options.to) == ".usda":
-        return _export_usd(options, unit)
+    if (other := program_of(options.to)) is not None:
+        return other(options, unit)
 
     from hpcinv.geometry.workshop.formats import check, write
     from hpcinv.geometry.workshop.mould import Mould, Split, mould
@@ -136,7 +136,7 @@ def _export(options: argparse.Namespace) -> int:
         write(path, solid, options.unit)
     _warn(options, part, split)
     _warn_of_pieces(dict(zip(halves, moulds.blocks, strict=True)), cores)
-    _warn_of_nodes(options, source)
+    warn_of_nodes(options, source)
     return 0
 
 
@@ -192,7 +192,7 @@ def _export_copy(options: argparse.Namespace) -> int:
         raise OutputError(f"{options.copy_of}: {error.message}", error.advice) from None
     write_output(options.to, moved.encode("utf-8", "surrogateescape"))
     print(f"{options.to}: {options.copy_of} with {len(source.points):,} nodes of the {options.shape} shape")
-    _warn_of_nodes(options, source)
+    warn_of_nodes(options, source)
     return 0
 
 
@@ -202,7 +202,7 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
     from hpcinv.geometry.workshop.run_shapes import read_shape
     from hpcinv.geometry.workshop.solid import region_cells, volume_of
 
-    _refuse_options_of_surfaces(options)
+    refuse_options_of_surfaces(options)
     if not options.to.parent.is_dir():
         raise OutputError(f"{options.to}: cannot be written: there is not a directory {options.to.parent}")
     source = read_shape(options.run, options.shape)
@@ -214,67 +214,8 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
         f" {readable(volume, 'm^3')}; of the body {readable(body, 'm^3')}, ratio {volume / body:.6f}"
     )
     print(f"regions: {', '.join(dict.fromkeys(group.name for group in mesh.groups)) or 'none'}")
-    _warn_of_nodes(options, source)
+    warn_of_nodes(options, source)
     return 0
-
-
-def _export_opencarp(options: argparse.Namespace) -> int:
-    """Write the cells as the three files of openCARP, in µm."""
-    from hpcinv.geometry.workshop.opencarp import write_opencarp
-    from hpcinv.geometry.workshop.run_shapes import read_shape
-    from hpcinv.geometry.workshop.solid import region_cells, volume_of
-
-    _refuse_options_of_surfaces(options)
-    source = read_shape(options.run, options.shape)
-    cells = None if options.region is None else region_cells(source, options.region)
-    done = write_opencarp(options.to, source, cells, options.scale)
-    body = volume_of(source, cells) * options.scale**3
-    print(
-        f"{options.to}, .elem, .lon: {done.cells:,} tetrahedra in µm, volume {readable(done.volume, 'm^3')}; "
-        f"of the body {readable(body, 'm^3')}, ratio {done.volume / body:.6f}"
-    )
-    print(f"regions: {', '.join(f'{number} is {name}' for number, name in done.regions.items()) or 'none (0)'}")
-    print(f"directions: {', '.join(done.directions) or 'none in the shape, (1, 0, 0) instead'}")
-    _warn_of_nodes(options, source)
-    return 0
-
-
-def _export_usd(options: argparse.Namespace, unit: float) -> int:
-    """Write the loaded body with its rest shape for OpenUSD."""
-    from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, read_shape
-    from hpcinv.geometry.workshop.usd import write_usd
-    from hpcinv.output.run_directory import RunDirectory
-
-    _refuse_options_of_surfaces(options)
-    if options.region is not None:
-        raise OutputError(f"--region: {options.to} has the whole body, with its regions")
-    rest = read_shape(options.run, UNDEFORMED)
-    loaded = read_shape(options.run, DEFORMED if options.shape == UNDEFORMED else options.shape)
-    done = write_usd(options.to, RunDirectory(options.run).job(None), loaded, rest, options.scale, unit)
-    curved = f", up to {readable(done.distance, 'm')} from curved edges" if done.distance > 1e-9 else ""
-    print(f"{options.to}: {done.cells:,} tetrahedra in {options.unit}, loaded and at rest{curved}")
-    print(f"regions: {', '.join(done.regions.values()) or 'none'}")
-    _warn_of_nodes(options, rest)
-    return 0
-
-
-def _refuse_options_of_surfaces(options: argparse.Namespace) -> None:
-    for name in ("tolerance", "mould"):
-        if getattr(options, name) is not None:
-            raise OutputError(f"--{name}: is for surfaces, and {options.to} is a mesh", "Export a surface as well.")
-
-
-def _warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:
-    """Print what a run has not checked, and how far its file is from the body that it computed."""
-    from hpcinv.geometry.workshop.run_shapes import left_out, unchecked
-
-    if text := unchecked(options.run):
-        print(f"warning: {options.to}: {text}", file=sys.stderr)
-    if distance := left_out(options.run, source):
-        text = (
-            f"{source.path.name} has fewer nodes than the computed body, and is up to {readable(distance, 'm')} from it"
-        )
-        print(f"warning: {options.to}: {text}; run with 'mesh: {{geometry_degree: 2}}'", file=sys.stderr)
 
 
 def _refit_distance(options: argparse.Namespace) -> float | None:
