@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hpcinv.geometry.workshop.solid import Solid
     from hpcinv.mesh.source import MeshSource
 
+INP_PROGRAMS = ("calculix", "abaqus")
+
 
 def add_export(commands: Any) -> None:
     export = add_command(
@@ -34,7 +36,7 @@ def add_export(commands: Any) -> None:
             "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
             "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z\n"
             "hpcinv export results/pdms-beam --to beam.inp\n"
-            "hpcinv export results/pdms-beam --deck beam.inp --unit mm"
+            "hpcinv export results/pdms-beam --deck beam.inp --for abaqus --unit mm"
         ),
         page="how-to/export.md",
     )
@@ -53,6 +55,12 @@ def add_export(commands: Any) -> None:
         metavar="FILE",
         help="whole deck of CalculiX and Abaqus (.inp), FEBio (.feb) or Ansys (.cdb, .dat): rest shape, laws, "
         "supports, loads; and NAME-expected.csv",
+    )
+    export.add_argument(
+        "--for",
+        dest="program",
+        choices=INP_PROGRAMS,
+        help=".inp: the program that reads the deck (default: calculix); abaqus has hybrid elements",
     )
     export.add_argument(
         "--copy-of",
@@ -142,16 +150,15 @@ def _export(options: argparse.Namespace) -> int:
 
 def _export_deck(options: argparse.Namespace, unit: float) -> int:
     """Write what another program needs to load the rest shape."""
+    from hpcinv.studies.second_opinion import calculix_deck, febio_model
     from hpcinv.studies.second_opinion.ansys_archive import write_archive
-    from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
-    from hpcinv.studies.second_opinion.febio_model import LOADS, write_model
     from hpcinv.studies.second_opinion.loaded_body import WRITERS, loaded_body
 
-    programs = {
-        ".inp": (write_deck, WRITERS),
-        ".feb": (write_model, LOADS),
-        ".cdb": (write_archive, WRITERS),
-        ".dat": (write_archive, WRITERS),
+    programs: dict[str, tuple[Any, Any, Any]] = {
+        ".inp": (calculix_deck.write_deck, calculix_deck.LOADS, calculix_deck.ABILITIES),
+        ".feb": (febio_model.write_model, febio_model.LOADS, ()),
+        ".cdb": (write_archive, WRITERS, ()),
+        ".dat": (write_archive, WRITERS, ()),
     }
     suffix = suffix_of(options.deck)
     if suffix not in programs:
@@ -159,11 +166,13 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
             f"--deck {options.deck}: is not a deck of CalculiX, Abaqus, FEBio or Ansys",
             f"Let its name end with {', '.join(programs)}.",
         )
-    write, loads = programs[suffix]
-    body = loaded_body(options.run, loads)
-    deck = write(options.deck, body, unit)
+    if options.program and suffix != ".inp":
+        raise OutputError(f"--for {options.program}: is for decks whose name ends with .inp")
+    write, loads, abilities = programs[suffix]
+    body = loaded_body(options.run, loads, abilities)
+    deck = write(options.deck, body, unit, **({"program": options.program} if options.program else {}))
     print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in N and {options.unit}")
-    print(f"{expected_path(options.deck)}: where the program should find them")
+    print(f"{calculix_deck.expected_path(options.deck)}: where the program should find them")
     for note in body.notes:
         print(f"note: {note}")
     return 0

@@ -21,8 +21,8 @@ from hpcinv.job.job import load
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
 from hpcinv.studies.second_opinion.calculix import NoOpinion, version
-from hpcinv.studies.second_opinion.calculix_deck import expected_path, write_deck
-from hpcinv.studies.second_opinion.loaded_body import WRITERS, LoadedBody, add_loads, loaded_body
+from hpcinv.studies.second_opinion.calculix_deck import LOADS, expected_path, write_deck
+from hpcinv.studies.second_opinion.loaded_body import LoadedBody, add_loads, loaded_body
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
 from hpcinv.trust.certificate import Verdict
@@ -98,8 +98,8 @@ def test_every_effect_is_written_or_refused_by_its_name() -> None:
     mesh = block(Path(__file__).parents[2] / "meshes", False, 1)
     for name, kind in effects().items():
         body = LoadedBody(name="a", rest=mesh, loaded=mesh.points, laws={}, forces=np.zeros_like(mesh.points))
-        refused = list(add_loads(body, [kind.model_validate(kind.example)])) if kind not in WRITERS else []
-        assert kind in WRITERS or refused == [f"effects[0]: '{name}' has no counterpart"], name
+        refused = list(add_loads(body, [kind.model_validate(kind.example)], LOADS)) if kind not in LOADS else []
+        assert kind in LOADS or refused == [f"effects[0]: '{name}' has no counterpart"], name
 
 
 @pytest.mark.everyday("True")
@@ -213,7 +213,7 @@ def test_limits_are_positive(option: str, value: str, capsys: pytest.CaptureFixt
 
 def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> None:
     springs = {"effect": "elastic-foundation", "region": "x1", "normal": 1e3, "tangential": 0, "area_in": "reference"}
-    supports = [*BODY["supports"], {"region": "y0", "fix": ["normal"]}]
+    supports = [*BODY["supports"], {"region": "y0", "fix": ["normal"], "normal": [0, 1, 1]}]
     run = solved(tmp_path, effects=[*BODY["effects"], springs], supports=supports)
     with pytest.raises(OutputError) as error:
         loaded_body(run)

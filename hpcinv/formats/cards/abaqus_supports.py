@@ -115,8 +115,7 @@ class Supports:
         if frames == {None}:
             self._deck.support(region, values, turns)
             return
-        (frame, *others) = frames
-        converted = frame.supports(values) if frame and not others else None
+        converted = _in_all_frames(values, frames)
         if converted is None:
             text = "whose components are along the axes of *TRANSFORM: state it, such as by 'fix: [normal]'"
             self._deck.unused.append(f"support on '{region}', {text}")
@@ -150,6 +149,14 @@ class Supports:
                 missing -= len(nodes) * len(values)
         if missing:
             self._deck.unused.append(f"*BOUNDARY of single nodes ({missing:,} components), which change in the steps")
+
+
+def _in_all_frames(
+    values: Mapping[str, float], frames: Collection[TransformAxes | None]
+) -> tuple[dict[str, float], list[float]] | None:
+    """Return global displacements and a normal, as `TransformAxes.supports`; ``None`` if frames of nodes differ."""
+    first, *others = ((dict(values), list[float]()) if frame is None else frame.supports(values) for frame in frames)
+    return first if all(other == first for other in others) else None
 
 
 def motion_of(position: Collection[float], held: Mapping[str, float], coupling: Coupling) -> dict[str, object] | None:

@@ -26,7 +26,8 @@ from hpcinv.job.rules import wants_pressure
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.physics.materials import MaterialLaw
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
-from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody, group_of
+from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
+from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.uniform_values import is_uniform
 
 _UNITS = {1.0: "SI", 1e-3: "MPA"}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -19,11 +20,20 @@ from hpcinv.formats.inp import number
 from hpcinv.formats.readers.elements import elements_of, faces_of
 from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.physics.effects.elastic_foundation import ElasticFoundation
 from hpcinv.physics.materials import MaterialLaw
-from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
+from hpcinv.studies.second_opinion.calculix_couplings import MOMENT_NOTE, coupling_lines, remote_forces
+from hpcinv.studies.second_opinion.calculix_frames import Frames
+from hpcinv.studies.second_opinion.calculix_springs import spring_lines
+from hpcinv.studies.second_opinion.loaded_body import WRITERS, Ability, LoadedBody, Writers, add_foundation
 
+type Program = Literal["calculix", "abaqus"]
+ABILITIES: tuple[Ability, ...] = ("slides", "remote")
+LOADS: Writers = {**WRITERS, ElasticFoundation: add_foundation}
+"""What is written; every other effect is refused by its name."""
 CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"
 """sets of all cells and of all nodes"""
+_ELEMENT = "*ELEMENT, TYPE="
 _PER_LINE = 16
 _RESIDUAL = 1e-8
 """Largest residual force, relative to the mean one. The program ends there. Raised, its body differs by more."""
@@ -44,25 +54,35 @@ class Deck:
     element: str
 
 
-def write_deck(path: Path, body: LoadedBody, unit: float) -> Deck:
+def write_deck(path: Path, body: LoadedBody, unit: float, program: Program = "calculix") -> Deck:
     """Write a deck, and next to it NAME-expected.csv with the place of each node in both bodies.
 
     Forces are in N, so that stresses are in N per squared unit of length, and densities in N s² per its fourth power.
 
     Args:
         unit: of length, m.
+        program: that reads it.
 
     Raises:
-        OutputError: it cannot be written, or a law has no card.
+        OutputError: it cannot be written, or a law has no card, or the program has no elements for it.
     """
+    if program == "calculix" and any(law.is_incompressible for law in body.laws.values()):
+        raise OutputError("material: CalculiX has no elements for incompressible bodies", "Give kappa a number.")
     with tempfile.TemporaryDirectory() as directory:
         plain = Path(directory) / "mesh.inp"
         mesh = write_cells(plain, body.rest, None, 1.0, unit)
         text = plain.read_text("utf-8")
     elements = elements_of(mesh)
     nodes = np.unique(elements)
-    deck = Deck(nodes, mesh.node_tags[nodes], text.partition("*ELEMENT, TYPE=")[2].partition("\n")[0])
-    lines = [text, *_model(body, mesh, deck, unit), *_step(body, mesh, elements, deck, unit)]
+    element = text.partition(_ELEMENT)[2].partition("\n")[0]
+    if program == "abaqus" and body.is_mixed:
+        text = text.replace(f"{_ELEMENT}{element}\n", f"{_ELEMENT}{element}H\n", 1)
+        element = f"{element}H"
+    deck = Deck(nodes, mesh.node_tags[nodes], element)
+    if program == "calculix":
+        body.notes += [f"{remote.place}: {MOMENT_NOTE}" for remote in body.remotes if remote.moment.any()]
+    posed = _Posed(body, mesh, elements, deck, Frames(body), unit, program)
+    lines = [text, *_model(posed), *_step(posed)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
     write_output(expected_path(path), expected_table(body, deck, unit).encode(), advice)
@@ -74,10 +94,33 @@ def expected_path(deck: Path) -> Path:
     return deck.with_name(f"{deck.stem}-expected.csv")
 
 
-def _model(body: LoadedBody, mesh: MeshSource, deck: Deck, unit: float) -> Iterator[str]:
-    """Yield sets, materials, sections, and what is fixed."""
+@dataclass(frozen=True)
+class _Posed:
+    """A body as a deck has it.
+
+    Attributes:
+        elements: nodes (rows) of the elements, in their order.
+    """
+
+    body: LoadedBody
+    mesh: MeshSource
+    elements: Ints
+    deck: Deck
+    frames: Frames
+    unit: float
+    program: Program
+
+    @property
+    def first_node(self) -> int:
+        """Number of the first node that is not of the mesh."""
+        return int(self.mesh.node_tags.max()) + 1
+
+
+def _model(posed: _Posed) -> Iterator[str]:
+    """Yield sets, materials, sections, what springs and couplings are, and what is fixed."""
+    body, mesh, unit = posed.body, posed.mesh, posed.unit
     yield f"*NSET, NSET={NODES}\n"
-    yield from _rows(deck.tags.tolist())
+    yield from _rows(posed.deck.tags.tolist())
     yield f"*ELSET, ELSET={CELLS}\n"
     yield from _rows(mesh.cell_tags.tolist())
     for region, law in body.laws.items():
@@ -85,7 +128,10 @@ def _model(body: LoadedBody, mesh: MeshSource, deck: Deck, unit: float) -> Itera
         if body.density:
             yield f"*DENSITY\n{number(body.density * unit**4)}\n"
         yield f"*SOLID SECTION, ELSET={region or CELLS}, MATERIAL={region or 'BODY'}\n"
-    yield from _held((held for held in body.held if not held.values.any()), mesh, deck, unit)
+    yield from posed.frames.lines(mesh.node_tags, posed.deck.nodes)
+    yield from coupling_lines(body, posed.first_node, unit)
+    yield from spring_lines(body, mesh, posed.frames, posed.first_node + len(body.remotes), unit)
+    yield from _held(posed, moved=False)
 
 
 def _card(law: MaterialLaw, name: str, unit: float) -> str:
@@ -95,33 +141,56 @@ def _card(law: MaterialLaw, name: str, unit: float) -> str:
         raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
 
 
-def _held(parts: Iterable[Held], mesh: MeshSource, deck: Deck, unit: float) -> Iterator[str]:
-    head = "*BOUNDARY\n"
-    for held in parts:
-        is_there = np.isin(held.nodes, deck.nodes)
+def _held(posed: _Posed, *, moved: bool) -> Iterator[str]:
+    """Yield what is held and moves, or does not move."""
+    tags, used, frames = posed.mesh.node_tags, posed.deck.nodes, posed.frames
+    lines = list[str]()
+    for held in posed.body.held:
+        if bool(held.values.any()) is not moved:
+            continue
         axis = held.axis + 1
-        for tag, value in zip(mesh.node_tags[held.nodes[is_there]], held.values[is_there].tolist(), strict=True):
-            yield f"{head}{tag}, {axis}, {axis}, {number(value / unit)}\n"
-            head = ""
+        is_own = np.isin(held.nodes, frames.own)
+        if held.region and not moved and not is_own.any():
+            lines.append(f"{held.region}, {axis}, {axis}\n")
+            continue
+        is_said = np.isin(held.nodes, used) & ~is_own
+        for tag, value in zip(tags[held.nodes[is_said]], held.values[is_said].tolist(), strict=True):
+            lines.append(f"{tag}, {axis}, {axis}, {number(value / posed.unit)}\n")
+    lines += frames.held(tags, used, posed.unit, moved=moved)
+    if lines:
+        yield from ("*BOUNDARY\n", *lines)
 
 
-def _step(body: LoadedBody, mesh: MeshSource, elements: Ints, deck: Deck, unit: float) -> Iterator[str]:
+def _step(posed: _Posed) -> Iterator[str]:
     """Yield the step, with what is moved, loads and output."""
     yield "*STEP, NLGEOM, INC=1000\n*STATIC\n0.1, 1., 1e-6, 1.\n"
-    yield f"*CONTROLS, PARAMETERS=FIELD\n{_RESIDUAL!r}, {_RESIDUAL!r}, 0.01, , 0.02, {_RESIDUAL!r}\n"
-    yield from _held((held for held in body.held if held.values.any()), mesh, deck, unit)
+    if posed.program == "calculix":
+        yield f"*CONTROLS, PARAMETERS=FIELD\n{_RESIDUAL!r}, {_RESIDUAL!r}, 0.01, , 0.02, {_RESIDUAL!r}\n"
+    yield from _held(posed, moved=True)
+    yield from _loads(posed)
+    forces = [*remote_forces(posed.body, posed.program, posed.first_node, posed.unit), *_nodal_forces(posed)]
+    if forces:
+        yield from ("*CLOAD\n", *forces)
+    yield f"*NODE FILE\nU\n*NODE PRINT, NSET={NODES}, FREQUENCY=10000, GLOBAL=YES\nU\n*END STEP\n"
+
+
+def _loads(posed: _Posed) -> Iterator[str]:
+    """Yield weight and pressures."""
+    body, mesh, unit = posed.body, posed.mesh, posed.unit
     if (size := float(np.linalg.norm(body.acceleration))) and body.density:
         direction = ", ".join(number(float(g) / size) for g in body.acceleration)
         yield f"*DLOAD\n{CELLS}, GRAV, {number(size / unit)}, {direction}\n"
     for group, pressure in body.pressures:
         yield "*DLOAD\n"
-        for cell, face in faces_of(mesh, group, elements):
+        for cell, face in faces_of(mesh, group, posed.elements):
             yield f"{mesh.cell_tags[cell]}, P{face + 1}, {number(pressure * unit**2)}\n"
-    if body.forces.any():
-        yield "*CLOAD\n"
-        for tag, force in zip(deck.tags.tolist(), body.forces[deck.nodes].tolist(), strict=True):
-            yield from (f"{tag}, {axis}, {number(component)}\n" for axis, component in enumerate(force, 1) if component)
-    yield f"*NODE FILE\nU\n*NODE PRINT, NSET={NODES}, FREQUENCY=10000\nU\n*END STEP\n"
+
+
+def _nodal_forces(posed: _Posed) -> Iterator[str]:
+    """Yield forces at nodes, along the axes of these."""
+    forces = posed.frames.local(posed.body.forces)[posed.deck.nodes]
+    for tag, force in zip(posed.deck.tags.tolist(), forces.tolist(), strict=True):
+        yield from (f"{tag}, {axis}, {number(component)}\n" for axis, component in enumerate(force, 1) if component)
 
 
 def expected_table(body: LoadedBody, deck: Deck, unit: float) -> str:

@@ -24,7 +24,8 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
-from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers, group_of
+from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers
+from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.uniform_values import is_uniform
 
 _BODY = "BODY"

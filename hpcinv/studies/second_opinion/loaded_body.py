@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,16 +14,22 @@ from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
-from hpcinv.job.support import Support
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
+from hpcinv.model.discrete_model import default_quadrature
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.pressure import Pressure
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.physics.materials import MaterialLaw
+from hpcinv.studies.second_opinion.foundations import Foundation
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
+from hpcinv.studies.second_opinion.regions import group_of
+from hpcinv.studies.second_opinion.remote_regions import RemoteRegion, remote_region
+from hpcinv.studies.second_opinion.slides import Slide, slide_of
+
+_ON_SURFACE = "held along the normals of the loaded body, by the displacement that the run found"
 
 
 @dataclass(frozen=True)
@@ -47,10 +53,15 @@ class LoadedBody:
         loaded: where its nodes should be (n, 3), m.
         laws: by region; the name of one for the whole body is empty.
         forces: of dead loads at the nodes (n, 3), N.
-        held: known displacements.
+        held: known displacements along axes.
+        slides: known displacements along other directions.
+        remotes: regions that move as rigid bodies under a force and a moment.
+        foundations: springs between the boundary and the ground.
         pressures: follower pressures, Pa, by their facets.
         tractions: tractions (3,), Pa, by their facets, and whether they are per loaded area; for programs that have
             them, instead of ``forces``.
+        quadrature: degree of the quadrature of the run.
+        is_mixed: whether its pressure is an unknown.
         density: of the rest body, kg/m³; 0 without weight.
         acceleration: (3,), m/s².
         notes: what a reader should know of how the job is said.
@@ -62,8 +73,13 @@ class LoadedBody:
     laws: Mapping[str, MaterialLaw]
     forces: Floats
     held: list[Held] = field(default_factory=list)
+    slides: list[Slide] = field(default_factory=list)
+    remotes: list[RemoteRegion] = field(default_factory=list)
+    foundations: list[Foundation] = field(default_factory=list)
     pressures: list[tuple[Group, float]] = field(default_factory=list)
     tractions: list[tuple[Group, Floats, bool]] = field(default_factory=list)
+    quadrature: int = 2
+    is_mixed: bool = False
     density: float = 0.0
     acceleration: Floats = field(default_factory=lambda: np.zeros(3))
     notes: list[str] = field(default_factory=list)
@@ -75,13 +91,16 @@ class LoadedBody:
 
 
 type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
+type Ability = Literal["slides", "remote"]
+"""parts of a body that not every program has"""
 
 
-def loaded_body(run: Path, writers: Writers | None = None) -> LoadedBody:
+def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection[Ability] = ()) -> LoadedBody:
     """Return the body of a finished run.
 
     Args:
         writers: as of `add_loads`.
+        abilities: of the program; what needs others is refused.
 
     Raises:
         OutputError: it is not finished, its files lack nodes of the computed body, or it has what no deck can say; with
@@ -100,7 +119,9 @@ def loaded_body(run: Path, writers: Writers | None = None) -> LoadedBody:
     for region in filter(None, laws):
         group_of(rest, region, 3)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
-    faults = [*_supports(body, job.supports), *add_loads(body, job.effects, writers)]
+    body.is_mixed, spaces = job.is_mixed, job.discretisation
+    body.quadrature = spaces.quadrature or default_quadrature(rest.kind, spaces.displacement)
+    faults = [*_supports(body, job, abilities), *add_loads(body, job.effects, writers)]
     _refuse(run, faults)
     body.notes += [doubt] if doubt else []
     return body
@@ -123,33 +144,31 @@ def _kinds_without_deck(job: Job) -> Iterator[str]:
             yield f"{section}: not written"
 
 
-def group_of(mesh: MeshSource, region: str, dim: int = 2) -> Group:
-    """Return a region of facets, or of cells (``dim`` 3).
-
-    Raises:
-        OutputError: the mesh file has none of this name.
-    """
-    for group in mesh.groups:
-        if (group.name, group.dim) == (region, dim):
-            return group
-    raise OutputError(
-        f"{mesh.path}: has no region '{region}'", "Regions that a job defines by conditions are not in the file."
-    )
-
-
-def _supports(body: LoadedBody, supports: Iterable[Support]) -> Iterator[str]:
+def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Iterator[str]:
     """Add what supports hold, with the displacement that the run found there; yield what cannot be said."""
-    for number, support in enumerate(supports):
+    for number, support in enumerate(job.supports):
         place = f"supports[{number}]"
+        if support.remote is not None:
+            if "remote" in abilities:
+                remote = remote_region(body.rest, body.loaded, job, support.remote, place, support.region)
+                body.remotes.append(remote)
+            else:
+                yield f"{place}: 'remote' is a force on a rigid region"
+            continue
+        group = group_of(body.rest, support.region)
+        nodes = np.unique(body.rest.facets[group.members])
+        for axis in sorted(AXES.index(axis) for axis in support.held):
+            values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
+            body.held.append(Held(place, nodes, axis, values, support.region))
         if support.slides:
-            yield f"{place}: 'fix: [normal]' holds a direction that is not an axis"
-        elif support.remote is not None:
-            yield f"{place}: 'remote' is a force on a rigid region"
-        else:
-            nodes = np.unique(body.rest.facets[group_of(body.rest, support.region).members])
-            for axis in sorted(AXES.index(axis) for axis in support.held):
-                values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
-                body.held.append(Held(place, nodes, axis, values, support.region))
+            slide = slide_of(body.rest, body.loaded, job, support, place)
+            if slide.axis is not None:
+                body.held.append(Held(place, nodes, slide.axis, slide.axis_values, support.region))
+            elif "slides" in abilities:
+                body.slides.append(slide)
+                body.notes += [f"{place}: {_ON_SURFACE}"] if support.surface is not None else []
+            else:
+                yield f"{place}: 'fix: [normal]' holds a direction that is not an axis"
 
 
 def add_loads(body: LoadedBody, effects: Iterable[Effect], writers: Writers | None = None) -> Iterator[str]:
@@ -189,6 +208,15 @@ def _add_gravity(body: LoadedBody, effect: Any, place: str) -> None:
     else:
         body.forces += cell_forces(body.rest, body.loaded, float(effect.density) * acceleration)
         body.notes.append(f"{place}: forces at the nodes, of the density in the loaded body")
+
+
+def add_foundation(body: LoadedBody, effect: Any, place: str) -> None:
+    """Add springs of an elastic foundation."""
+    is_current = effect.area_in == "current"
+    stiffness = (float(effect.normal or 0.0), float(effect.tangential or 0.0))
+    body.foundations.append(Foundation(place, group_of(body.rest, effect.region), *stiffness, is_current))
+    if is_current:
+        body.notes.append(f"{place}: springs of the area and the normals of the loaded body")
 
 
 WRITERS: Writers = {

@@ -20,8 +20,8 @@ from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import write_on_this_rank
 from hpcinv.studies.second_opinion.calculix import PROGRAM, NoOpinion, command, displacements, version
-from hpcinv.studies.second_opinion.calculix_deck import write_deck
-from hpcinv.studies.second_opinion.loaded_body import loaded_body
+from hpcinv.studies.second_opinion.calculix_deck import ABILITIES, LOADS, write_deck
+from hpcinv.studies.second_opinion.loaded_body import LoadedBody, loaded_body
 from hpcinv.trust.certificate import Line, Topic, Verdict
 from hpcinv.trust.certificate.check import with_line
 
@@ -118,9 +118,7 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
         OutputError: the run is not finished, or has what no deck can say.
         NoOpinion: the program is missing or fails; the line then says that it is not decided.
     """
-    body = loaded_body(run)
-    if any(law.is_incompressible for law in body.laws.values()):
-        raise OutputError(f"material: {PROGRAM} has no elements for incompressible bodies", "Give kappa a number.")
+    body = loaded_body(run, LOADS, ABILITIES)
     directory = run / FOLDER
     try:
         directory.mkdir(exist_ok=True)
@@ -138,7 +136,7 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
     distances = np.linalg.norm(theirs - expected, axis=1)
     worst = int(distances.argmax())
     job = RunDirectory(run).job(None)
-    ours, reason = _with_their_elements(run, job, deck.element)
+    ours, reason = _with_their_elements(run, job, body, deck.element)
     opinion = Opinion(
         f"{PROGRAM} {version(executable)}".strip(),
         deck.element,
@@ -159,7 +157,7 @@ def _largest(vectors: Floats) -> float:
     return float(np.linalg.norm(vectors, axis=1).max())
 
 
-def _with_their_elements(run: Path, job: Job, element: str) -> tuple[Floats | None, str]:
+def _with_their_elements(run: Path, job: Job, body: LoadedBody, element: str) -> tuple[Floats | None, str]:
     """Return the places (n, 3) to which we load the rest shape with the elements of CalculiX, or why that is not known.
 
     Its elements are ours without the unknown pressure, but for hexahedra of degree 2.
@@ -170,6 +168,8 @@ def _with_their_elements(run: Path, job: Job, element: str) -> tuple[Floats | No
         return read_shape(run, DEFORMED).points, ""
     if any(support.moves for support in job.supports):
         return None, "a support moves, as formulas and motions on the given body say"
+    if any(slide.plane_normal is None for slide in body.slides):
+        return None, "a support slides on a curved face, whose normals are of the given body"
     rest = run / "shape.msh"
     if job.directions[0] != "inverse" or not is_file(rest):
         return None, "the run has no file shape.msh of the rest shape"

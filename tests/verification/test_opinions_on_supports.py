@@ -1,0 +1,122 @@
+"""CalculiX holds bodies along oblique directions as we do; decks with planes are read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.second_opinions import BLOCK, LOST, distance, job_of_deck, needs_calculix, reaches_given_body, solved
+
+from hpcinv.__main__ import main
+from hpcinv.studies.second_opinion.loaded_body import loaded_body
+
+TUBE: dict[str, Any] = {
+    "file": "../meshes/thick_cylinder.py",
+    "parameters": {"inner": 0.05, "outer": 0.1, "length": 0.1, "radial": 2, "around": 3, "along": 2},
+}
+OBLIQUE = {"region": "x0", "fix": ["normal"], "normal": [2, 1, 0]}
+TUBE_SIDES = [{"region": name, "fix": ["normal"]} for name in ("x0", "y0", "z0")]
+
+
+@needs_calculix
+def test_oblique_planes_hold_as_ours_and_are_read_back(tmp_path: Path) -> None:
+    loads = [BLOCK["effects"][0], {"effect": "pressure", "region": "y1", "pressure": 500}]
+    run = solved(tmp_path, effects=loads, supports=[*BLOCK["supports"], OBLIQUE])
+    assert distance(run) < LOST
+    again, text = job_of_deck(run, tmp_path)
+    assert "Not taken from the file" not in text
+    slides = [support for support in again.supports if support.slides]
+    assert [support.region for support in slides] == ["x0"]
+    assert slides[0].normal == pytest.approx(np.array([2, 1, 0]) / 5**0.5)
+    assert reaches_given_body(run, again) < 1e-5
+
+
+@needs_calculix
+@pytest.mark.parametrize(
+    "further", [{"region": "y0", "fix": ["normal"], "normal": [0, 1, 1]}, {"region": "z1", "fix": ["y"]}]
+)
+def test_planes_that_meet_hold_their_edge_along_both_normals(further: dict[str, Any], tmp_path: Path) -> None:
+    assert distance(solved(tmp_path, supports=[*BLOCK["supports"], OBLIQUE, further])) < LOST
+
+
+@needs_calculix
+@pytest.mark.everyday("True")
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_curved_faces_hold_along_the_normals_of_their_nodes(hexahedra: bool, tmp_path: Path) -> None:
+    mesh = TUBE | {"parameters": TUBE["parameters"] | {"hexahedra": hexahedra}}
+    loads = [{"effect": "pressure", "region": "z1", "pressure": 2e3}]
+    run = solved(tmp_path, mesh=mesh, effects=loads, supports=[*TUBE_SIDES, {"region": "outer", "fix": ["normal"]}])
+    assert distance(run) < LOST
+
+
+@needs_calculix
+def test_nodes_that_move_along_a_curved_surface_stay_where_the_run_found_them(tmp_path: Path) -> None:
+    turned = {"region": "z1", "motion": {"rotate": "20 deg", "axis": [0, 0, 1]}}
+    supports = [turned, {"region": "outer", "fix": ["normal"], "surface": "cylinder"}]
+    run = solved(tmp_path, mesh=TUBE, effects=[], supports=supports)
+    assert loaded_body(run, abilities=["slides"]).notes[0].startswith("supports[1]: held along the normals")
+    assert distance(run) < LOST
+
+
+@needs_calculix
+@pytest.mark.everyday("1-springs0")
+@pytest.mark.parametrize(
+    "springs",
+    [
+        {"normal": 2e5, "tangential": 3e4, "area_in": "reference"},
+        {"normal": 1e5, "tangential": 1e5, "area_in": "current"},
+        {"normal": 2e5, "area_in": "current"},
+    ],
+)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_foundations_have_the_stiffness_of_ours(springs: dict[str, Any], degree: int, tmp_path: Path) -> None:
+    foundation = {"effect": "elastic-foundation", "region": "x1", **springs}
+    spaces = {"displacement": degree, "formulation": "displacement"}
+    mesh = BLOCK["mesh"] | {"geometry_degree": degree}
+    run = solved(
+        tmp_path,
+        mesh=mesh,
+        discretisation=spaces,
+        effects=[*BLOCK["effects"], foundation],
+        supports=[*BLOCK["supports"], OBLIQUE],
+    )
+    assert distance(run) < LOST
+
+
+@needs_calculix
+@pytest.mark.everyday("inverse")
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_remote_loads_turn_a_face_as_ours_and_are_read_back(direction: str, tmp_path: Path) -> None:
+    remote = {"force": [0.05, 0.1, -0.02], "moment": [0.02, -0.05, 0.1], "about": ["3 cm", "5 cm", "30 cm"]}
+    supports = [*BLOCK["supports"], {"region": "z1", "remote": remote}]
+    run = solved(tmp_path, analysis=direction, effects=BLOCK["effects"][:1], supports=supports)
+    assert distance(run) < LOST
+    again, _ = job_of_deck(run, tmp_path)
+    [support] = [support for support in again.supports if support.remote]
+    assert support.region == "z1"
+    assert support.remote is not None
+    assert support.remote.force == pytest.approx([0.05, 0.1, -0.02])
+    assert support.remote.moment == pytest.approx([0.02, -0.05, 0.1])
+    assert reaches_given_body(run, again) < 1e-5
+
+
+def test_abaqus_gets_hybrid_elements_for_unknown_pressures_and_no_controls_of_calculix(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spaces = {"displacement": 2, "formulation": "mixed"}
+    law = BLOCK["material"] | {"kappa": "incompressible"}
+    mesh = BLOCK["mesh"] | {"geometry_degree": 2}
+    run = solved(tmp_path, mesh=mesh, material=law, discretisation=spaces, effects=BLOCK["effects"][:1])
+    again, text = job_of_deck(run, tmp_path)
+    deck = (tmp_path / "part.inp").read_text()
+    assert "*ELEMENT, TYPE=C3D10H\n" in deck
+    assert "*CONTROLS" not in deck
+    assert "Not taken from the file" not in text
+    assert reaches_given_body(run, again, discretisation=spaces) < 1e-5
+    capsys.readouterr()
+    assert main(["export", str(run), "--deck", str(tmp_path / "other.inp")]) == 2
+    assert "CalculiX has no elements for incompressible bodies" in capsys.readouterr().err
+    assert main(["export", str(run), "--deck", str(tmp_path / "a.feb"), "--for", "abaqus"]) == 2
+    assert "--for abaqus: is for decks whose name ends with .inp" in capsys.readouterr().err
