@@ -29,7 +29,7 @@ class Feb(MeshFormat):
     action = "feb"
     elements = "a model of FEBio"
     saver = "hpcinv.formats.feb:save_feb"
-    saves_27_nodes = "never"
+    saves_27_nodes = "if read"
 
     def groups(self, path: Path) -> Groups | None:
         """Groups by the names of parts, sets and surfaces; parts without a name are called such as ``part-2``."""
@@ -49,19 +49,23 @@ _NAMES = {
     ("hexahedron", 1): "hex8",
     ("hexahedron", 2): "hex20",
 }
+_COMPLETE = [*range(20), 23, 24, 25, 26, 21, 22, 20]
+"""places of the nodes of hex27 in the order of C3D27"""
+_FACETS = {3: "tri3", 6: "tri6", 4: "quad4", 8: "quad8", 9: "quad9"}
 
 
 def save_feb(path: Path, source: MeshSource, points: Floats) -> None:
-    """Write the mesh at ``points`` (n, 3) as a model without materials; hexahedra of degree 2 as hex20.
+    """Write the mesh at ``points`` (n, 3) as a model without materials.
 
-    Surfaces have the vertices of their facets, and a node set of the same name.
+    Hexahedra of degree 2 are hex20, or hex27 if they were read so. Surfaces have all nodes of their facets, turned
+    outward, and a node set of the same name.
 
     Raises:
         OSError: it cannot be written.
     """
     from hpcinv.formats.readers.elements import elements_of
 
-    elements = elements_of(source)
+    elements = elements_of(source, has_27=True)
     whole = [group.name for group in source.groups if group.dim == 3 and len(group.members) == len(source.cells)]
     parts = {whole[0] if whole else "all elements": np.arange(len(source.cells))}  # format 4 needs a name
     lines = [*HEAD, '<Module type="solid"/>', *mesh_lines(source, points, elements, parts), "</febio_spec>"]
@@ -76,7 +80,7 @@ def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mappin
     """Yield the section of a mesh at ``points`` (n, 3), with sets and surfaces for its groups.
 
     Args:
-        elements: nodes of the elements (rows of the points) in the order of FEBio.
+        elements: nodes of the elements (rows of the points) in the order of Abaqus.
         parts: rows of the elements of each part, by its name.
     """
     tags, used = source.node_tags, np.unique(elements)
@@ -85,9 +89,12 @@ def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mappin
     for tag, (x, y, z) in zip(tags[used].tolist(), points[used].tolist(), strict=True):
         yield f'<node id="{tag}">{x!r},{y!r},{z!r}</node>'
     yield "</Nodes>"
+    kind, listed = _NAMES[source.kind, source.degree], elements
+    if elements.shape[1] == 27:
+        kind, listed = "hex27", elements[:, _COMPLETE]
     for name, rows in parts.items():
-        yield f'<Elements type="{_NAMES[source.kind, source.degree]}" name="{escape(name)}">'
-        for tag, nodes in zip(source.cell_tags[rows].tolist(), tags[elements[rows]].tolist(), strict=True):
+        yield f'<Elements type="{kind}" name="{escape(name)}">'
+        for tag, nodes in zip(source.cell_tags[rows].tolist(), tags[listed[rows]].tolist(), strict=True):
             yield f'<elem id="{tag}">{",".join(map(str, nodes))}</elem>'
         yield "</Elements>"
     for group in source.groups:
@@ -99,15 +106,13 @@ def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mappin
 
 
 def _surface(source: MeshSource, group: Group, elements: Ints, used: Ints) -> Iterator[str]:
-    from hpcinv.base.reading.element_faces import FACES
-    from hpcinv.formats.readers.elements import faces_of
-    from hpcinv.mesh.cells import vertex_count
+    from hpcinv.formats.readers.elements import outward_facets
 
-    local = FACES[vertex_count(source.kind)]
-    kind = "tri3" if len(local[0]) == 3 else "quad4"
+    facets = outward_facets(source, group, elements)
+    kind = _FACETS[facets.shape[1]]
     yield f'<Surface name="{escape(group.name)}">'
-    for number, (cell, face) in enumerate(faces_of(source, group, elements), 1):
-        yield f'<{kind} id="{number}">{_listed(source.node_tags[elements[cell, list(local[face])]])}</{kind}>'
+    for number, nodes in enumerate(source.node_tags[facets], 1):
+        yield f'<{kind} id="{number}">{_listed(nodes)}</{kind}>'
     yield "</Surface>"
     nodes = np.intersect1d(source.facets[group.members], used)
     yield f'<NodeSet name="{escape(group.name)}">{_listed(source.node_tags[nodes])}</NodeSet>'

@@ -68,3 +68,18 @@ def test_options_that_are_not_read_are_listed(entry: str, word: str) -> None:
     text = f"<febio_spec version='4.0'><Boundary>{entry}</Boundary></febio_spec>"
     unused = read_deck(text, {}).unused
     assert any(word in line for line in unused) if word else not unused
+
+
+@pytest.mark.parametrize(("facets", "pressures"), [(["1,3,2"], [5.0]), (["1,2,3"], [-5.0]), (["1,3,2", "1,4,2"], [])])
+def test_a_pressure_acts_against_the_normal_as_the_facets_turn(facets: list[str], pressures: list[float]) -> None:
+    nodes = "".join(f'<node id="{i}">{place}</node>' for i, place in enumerate(("0,0,0", "1,0,0", "0,1,0", "0,0,1"), 1))
+    faces = "".join(f'<tri3 id="{i}">{facet}</tri3>' for i, facet in enumerate(facets, 1))
+    text = (
+        f'<febio_spec version="4.0"><Mesh><Nodes>{nodes}</Nodes><Elements type="tet4" name="a">'
+        f'<elem id="1">1,2,3,4</elem></Elements><Surface name="s">{faces}</Surface></Mesh>'
+        '<Loads><surface_load surface="s" type="pressure">'
+        "<pressure>5</pressure></surface_load></Loads></febio_spec>"
+    )
+    deck = read_deck(text, {})
+    assert [effect["pressure"].value for effect in deck.effects] == pressures
+    assert bool(deck.unused) == (not pressures)

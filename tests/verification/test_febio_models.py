@@ -39,23 +39,30 @@ BODY: dict[str, Any] = {
 }
 
 
-def body(hexahedra: bool = False) -> LoadedBody:
-    mesh = block(MESHES, hexahedra, 1)
+def body(hexahedra: bool = False, degree: int = 1) -> LoadedBody:
+    mesh = block(MESHES, hexahedra, degree)
     law = laws()["neo-hookean"]
     one = {"": law.model_validate(law.example)}
     return LoadedBody(name="a", rest=mesh, loaded=mesh.points, laws=one, forces=np.zeros_like(mesh.points))
 
 
+@pytest.mark.everyday("False-2", "True-1")
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("hexahedra", [False, True])
-def test_a_model_that_is_read_back_loads_the_rest_shape_into_the_given_body(hexahedra: bool, tmp_path: Path) -> None:
+def test_a_model_that_is_read_back_loads_the_rest_shape_into_the_given_body(
+    hexahedra: bool, degree: int, tmp_path: Path
+) -> None:
+    spaces = BODY["discretisation"] | {"displacement": degree}
     mesh = BODY["mesh"] | {"parameters": BODY["mesh"]["parameters"] | {"hexahedra": hexahedra}}
+    mesh |= {"geometry_degree": degree}
     run, model, back = tmp_path / "run", tmp_path / "part.feb", tmp_path / "back.yaml"
-    given = hpcinv.run(job(**BODY | {"mesh": mesh}), MPI.COMM_SELF, directory=run, progress=False)
+    given_job = job(**BODY | {"mesh": mesh, "discretisation": spaces})
+    given = hpcinv.run(given_job, MPI.COMM_SELF, directory=run, progress=False)
     assert main(["export", str(run), "--deck", str(model), "--unit", "mm"]) == 0
     assert main(["new", "job", "--from", str(model), "--unit", "mm", "--stress-unit", "MPa", str(back)]) == 0
     text = back.read_text()
     assert "Not taken from the file" not in text
-    again = load(back).with_({"discretisation": BODY["discretisation"], "certificate": "off"})
+    again = load(back).with_({"discretisation": spaces, "certificate": "off"})
     assert {(s.region, tuple(sorted(s.held))) for s in again.supports} == {("z0", ("x", "y", "z")), ("z1", ("x",))}
     assert [type(effect).__name__ for effect in again.effects].count("Traction") == 2
     loaded = hpcinv.run(again, MPI.COMM_SELF, progress=False)
@@ -117,3 +124,66 @@ def test_two_laws_are_two_parts(tmp_path: Path) -> None:
     assert [part.get("name") for part in root.iter("Elements")] == regions
     assert [domain.get("mat") for domain in root.iter("SolidDomain")] == regions
     assert root.findtext("Module/units") == "SI"
+
+
+OUTWARD = {"x0": (-1, 0, 0), "x1": (1, 0, 0), "y0": (0, -1, 0), "y1": (0, 1, 0), "z0": (0, 0, -1), "z1": (0, 0, 1)}
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("hexahedra", [False, True])
+def test_surfaces_have_the_facets_of_the_elements_and_turn_outward(
+    hexahedra: bool, degree: int, tmp_path: Path
+) -> None:
+    """FEBio presses along the negative normal of a facet, as its nodes turn, and has no forces on nodes it lacks."""
+    posed, path = body(hexahedra, degree), tmp_path / "part.feb"
+    write_model(path, posed, 1.0)
+    root, size = ET.parse(path).getroot(), 4 if hexahedra else 3
+    rows = [(int(node.get("id", "")), (node.text or "").split(",")) for node in root.iter("node")]
+    places = {tag: np.array([float(x) for x in row]) for tag, row in rows}
+    kinds = {(False, 1): "tri3", (False, 2): "tri6", (True, 1): "quad4", (True, 2): "quad9"}
+    for surface in root.iter("Surface"):
+        for facet in surface:
+            assert facet.tag == kinds[hexahedra, degree]
+            points = np.array([places[int(tag)] for tag in (facet.text or "").split(",")])
+            normal = np.cross(points[1] - points[0], points[2] - points[0])
+            assert normal / np.linalg.norm(normal) == pytest.approx(np.array(OUTWARD[surface.get("name", "")]))
+            edges = (points[:size] + np.roll(points[:size], -1, axis=0)) / 2
+            if degree == 2:
+                assert points[size : 2 * size] == pytest.approx(edges)
+            if len(points) == 9:
+                assert points[8] == pytest.approx(points[:4].mean(axis=0))
+
+
+def test_elements_of_27_nodes_have_the_order_of_febio(tmp_path: Path) -> None:
+    """Faces at s = -1, r = 1, s = 1, r = -1, t = -1 and t = 1 of FEHex27::shape_fnc, then the centre."""
+    posed, path = body(True, 2), tmp_path / "part.feb"
+    write_model(path, posed, 1.0)
+    root = ET.parse(path).getroot()
+    places = {node.get("id"): [float(x) for x in (node.text or "").split(",")] for node in root.iter("node")}
+    [part] = root.iter("Elements")
+    assert part.get("type") == "hex27"
+    faces = [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 1, 2, 3), (4, 5, 6, 7), range(8)]
+    for element in part:
+        points = np.array([places[tag] for tag in (element.text or "").split(",")])
+        assert points[20:] == pytest.approx(np.array([points[list(face)].mean(axis=0) for face in faces]))
+
+
+@pytest.mark.parametrize(
+    ("law", "kind", "formulation"),
+    [
+        ({"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e4}, (True, 1), "elastic-solid"),
+        ({"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e7}, (True, 1), "three-field-solid"),
+        ({"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e7}, (False, 2), "three-field-solid"),
+        ({"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e7}, (False, 1), "ut4-solid"),
+        ({"law": "hencky", "mu": 1e4, "kappa": 4e7, "volumetric": "logarithmic"}, (True, 1), "elastic-solid"),
+        ({"law": "neo-hookean", "mu": 1e4, "lam": 4e7}, (True, 1), "elastic-solid"),
+    ],
+)
+def test_nearly_incompressible_laws_have_a_formulation_with_a_pressure(
+    law: dict[str, Any], kind: tuple[bool, int], formulation: str, tmp_path: Path
+) -> None:
+    posed, path = body(*kind), tmp_path / "part.feb"
+    posed.laws = {"": laws()[law["law"]].model_validate(law)}
+    write_model(path, posed, 1.0)
+    [domain] = ET.parse(path).getroot().iter("SolidDomain")
+    assert domain.get("type") == formulation

@@ -16,10 +16,12 @@ from hpcinv.base.reading.fault import Fault, shown
 from hpcinv.base.reading.feb_model import local_name, local_nodes, model_of
 from hpcinv.base.reading.numbered_elements import integers
 
-_SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20}
-_KIND = re.compile(r"(tet4|tet10|hex8|hex20)(g\d+|gl11|ri)?")
+_SOLID = {"tet4": 4, "tet10": 10, "hex8": 8, "hex20": 20, "hex27": 27}
+_KIND = re.compile(r"(tet4|tet10|hex8|hex20|hex27)(g\d+|gl11|ri)?")
 """types of elements, in lower case; the integration points at their end do not count"""
 _FLAT = ("tri", "quad", "line", "truss", "q4ans", "q4eas")  # shells, surfaces and trusses, which are left out
+_COMPLETE = [*range(20), 26, 24, 25, 20, 21, 22, 23]
+"""places of the nodes of C3D27 in the order of hex27"""
 _GENERAL = ("Module", "Globals", "Control", "Output", "MeshDomains")
 _FACETS = {"tri3": 3, "tri6": 3, "quad4": 4, "quad8": 4, "quad9": 4}  # with their vertices
 
@@ -106,6 +108,36 @@ def _surfaces(mesh: ET.Element, cells: list[list[int]]) -> dict[str, list[list[i
     return surfaces
 
 
+def windings(root: ET.Element) -> dict[str, int]:
+    """Return by the name of a surface: 1 if its facets turn about outward normals, -1 if inward, 0 if both occur.
+
+    FEBio presses along the negative normal of a facet, as its nodes turn.
+    """
+    mesh = root.find("Mesh") if root.find("Mesh") is not None else root.find("Geometry")
+    if mesh is None:
+        return {}
+    places, cells = _nodes(mesh)[0], _elements(mesh)[0]
+    surfaces = {key[7:]: facets for key, facets in _surfaces(mesh, cells).items()} if cells else {}
+    wanted = {frozenset(facet) for facets in surfaces.values() for facet in facets}
+    middles = dict[frozenset[int], Any]()
+    for cell in cells:
+        vertices = cell[: 4 if len(cell) in (4, 10) else 8]
+        for face in FACES[len(vertices)]:
+            if (key := frozenset(vertices[i] for i in face)) in wanted:
+                middles[key] = np.mean([places[tag] for tag in vertices], axis=0)
+    return {name: _winding(facets, places, middles) for name, facets in surfaces.items()}
+
+
+def _winding(facets: list[list[int]], places: dict[int, list[float]], middles: dict[frozenset[int], Any]) -> int:
+    turns = set[int]()
+    for facet in facets:
+        if (middle := middles.get(frozenset(facet))) is not None:
+            corners = np.array([places[tag] for tag in facet])
+            normal = np.cross(corners[-2] - corners[0], corners[-1] - corners[len(corners) - 3])
+            turns.add(1 if normal @ (corners.mean(axis=0) - middle) > 0 else -1)
+    return turns.pop() if len(turns) == 1 else 0
+
+
 def _rows(row: dict[int, int], tags: list[list[int]], owner: str) -> Any:
     """Return the rows of nodes by their numbers."""
     return np.array([[_row(row, tag, owner) for tag in own] for own in tags], dtype=np.int64)
@@ -160,7 +192,7 @@ def _elements(mesh: ET.Element) -> tuple[list[list[int]], list[int], dict[str, l
             if len(nodes) != _SOLID[kind]:
                 raise Fault(f"element {_tag(element)} has {len(nodes)} nodes, not {_SOLID[kind]}")
             tags.append(_tag(element))
-            cells.append(nodes)
+            cells.append([nodes[place] for place in _COMPLETE] if kind == "hex27" else nodes)
             blocks.setdefault(name, []).append(tags[-1])
     if len(kinds) > 1:
         raise Fault(f"has elements {' and '.join(sorted(kinds))}", "Use one kind of solid elements.")

@@ -6,8 +6,11 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.feb_files import windings
 from hpcinv.formats.cards.card import CardError, UnknownLaw, number
 from hpcinv.formats.cards.deck import Deck, Measure, NodalForces
 from hpcinv.formats.cards.entry import vector
@@ -48,6 +51,7 @@ class _DeckReader:
     def __init__(self, root: ET.Element, nodes_of_sets: Mapping[str, frozenset[int]]) -> None:
         self._sets = nodes_of_sets
         self._root, self._deck, self._curves = root, Deck(), LoadCurves(root)
+        self._windings = _windings(root)
         steps = root.findall("Step/step") or root.findall("Step")  # several in format 2.5
         self._last = steps[-1:]
         if len(steps) > 1:
@@ -148,9 +152,11 @@ class _DeckReader:
             self._deck.unused.append(f"<{load.tag}> type='{kind}'{f' on {place}' if place else ''}")
 
     def _add_pressure(self, load: ET.Element, region: str) -> bool:
-        """Add a pressure; return False if it varies in space."""
-        if (value := self._pressure(load, region)) is None:
+        """Add a pressure; return False if it varies in space, or facets of its surface turn both ways."""
+        value, turn = self._pressure(load, region), self._windings.get(region, 1)
+        if value is None or not turn:
             return False
+        value = replace(value, value=turn * value.value)
         key = "dead_pressure" if _is_set(load, "linear") else "pressure"
         self._deck.effects.append({"effect": "pressure", "region": region, key: value})
         return True
@@ -245,6 +251,13 @@ class _DeckReader:
         except CardError as error:
             self._deck.unused.append(f"load curve {label} of the {what} on {region}: {error}")
             return 1.0
+
+
+def _windings(root: ET.Element) -> Mapping[str, int]:
+    try:
+        return windings(root)
+    except (Fault, KeyError):  # the reader of the mesh reports it
+        return {}
 
 
 def _region_of(entry: ET.Element) -> tuple[str, str]:

@@ -135,13 +135,36 @@ def _reference_nodes(kind: str) -> Floats:
 
 def facets_of(source: MeshSource, elements: Ints) -> Ints:
     """Return the nodes of the facets of a mesh: vertices in their order, and middle nodes of their edges."""
+    whole = Group("", 2, 0, np.arange(len(source.facets)))
+    return _nodes_of_faces(source, elements, whole)[1]
+
+
+def outward_facets(source: MeshSource, group: Group, elements: Ints) -> Ints:
+    """Return the nodes of the facets of a group, whose vertices turn about the outward normal.
+
+    Middle nodes of edges follow the vertices, and the node in the middle of elements of 27 nodes.
+    """
+    cells, facets = _nodes_of_faces(source, elements, group)
+    size, points = len(FACES[vertex_count(source.kind)][0]), source.points
+    corners = points[facets[:, :size]]
+    normals = np.cross(corners[:, -2] - corners[:, 0], corners[:, -1] - corners[:, size - 3])
+    inward = points[elements[cells][:, : vertex_count(source.kind)]].mean(axis=1) - corners.mean(axis=1)
+    is_inward = np.einsum("fi,fi->f", normals, inward) > 0
+    turned = [0, *range(size - 1, 0, -1), *range(2 * size - 1, size - 1, -1), 2 * size][: facets.shape[1]]
+    facets[is_inward] = facets[is_inward][:, turned]
+    return facets
+
+
+def _nodes_of_faces(source: MeshSource, elements: Ints, group: Group) -> tuple[Ints, Ints]:
+    """Return the cell of each facet of a group, and its nodes: vertices, middle nodes of edges, and its middle."""
     size = vertex_count(source.kind)
     local = np.array(FACES[size])
     if elements.shape[1] > size:
         local = np.column_stack([local, _middles(source.kind)])
-    whole = Group("", 2, 0, np.arange(len(source.facets)))
-    pairs = np.array(list(faces_of(source, whole, elements)), dtype=np.int64).reshape(-1, 2)
-    return np.asarray(elements[pairs[:, 0, None], local[pairs[:, 1]]])
+    if elements.shape[1] == 27:  # the centre comes before the faces
+        local = np.column_stack([local, np.arange(21, 27)])
+    pairs = np.array(list(faces_of(source, group, elements)), dtype=np.int64).reshape(-1, 2)
+    return pairs[:, 0], np.asarray(elements[pairs[:, 0, None], local[pairs[:, 1]]])
 
 
 def disjoint_parts(source: MeshSource) -> tuple[Ints, list[Group], list[Group]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from itertools import groupby
 from pathlib import Path
@@ -19,8 +20,9 @@ from hpcinv.formats.cards.card import Values
 from hpcinv.formats.feb import HEAD, mesh_lines
 from hpcinv.formats.readers.elements import elements_of
 from hpcinv.geometry.workshop.cell_mesh import write_cells
+from hpcinv.job.rules import wants_pressure
 from hpcinv.job.vocabulary import AXES
-from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
@@ -64,22 +66,29 @@ def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
         OutputError: it cannot be written, or a law has no card.
     """
     with tempfile.TemporaryDirectory() as directory:
-        mesh = write_cells(Path(directory) / "mesh.feb", body.rest, None, 1.0, unit)
-    elements = elements_of(mesh)
+        complete = replace(body.rest, nodes_per_cell=body.rest.cells.shape[1])
+        mesh = write_cells(Path(directory) / "mesh.feb", complete, None, 1.0, unit)
+    elements = elements_of(mesh, has_27=True)
     parts = {
         region or _BODY: group_of(mesh, region, 3).members if region else np.arange(len(mesh.cells))
         for region in body.laws
     }
     nodes = np.unique(elements)
+    cards = list(_materials(body, unit))
     system = f"<units>{_UNITS[unit]}</units>" if unit in _UNITS else ""
     lines = [
         *HEAD,
         f'<Module type="solid">{system}</Module>',
         _CONTROL,
-        *_materials(body, unit),
+        "<Material>",
+        *(ET.tostring(card, encoding="unicode").strip() for card in cards),
+        "</Material>",
         *mesh_lines(mesh, mesh.points / unit, elements, parts),
         "<MeshDomains>",
-        *(f'<SolidDomain name="{escape(name)}" mat="{escape(name)}"/>' for name in parts),
+        *(
+            f'<SolidDomain name="{escape(name)}" mat="{escape(name)}" type="{_formulation(body, elements, card)}"/>'
+            for name, card in zip(parts, cards, strict=True)
+        ),
         "</MeshDomains>",
         *_supports(body, mesh, nodes, unit),
         *_loads(body, unit),
@@ -95,8 +104,19 @@ def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
     return deck
 
 
-def _materials(body: LoadedBody, unit: float) -> Iterator[str]:
-    yield "<Material>"
+def _formulation(body: LoadedBody, elements: Ints, card: ET.Element) -> str:
+    """Return the elements' formulation: ours, or one with a pressure where a law is nearly incompressible.
+
+    By default, FEBio gives a pressure to hex8 of uncoupled laws alone.
+    """
+    if not wants_pressure(body.laws):
+        return "elastic-solid"
+    if elements.shape[1] == 4:
+        return "ut4-solid"
+    return "elastic-solid" if card.find("k") is None else "three-field-solid"
+
+
+def _materials(body: LoadedBody, unit: float) -> Iterator[ET.Element]:
     for number, (region, law) in enumerate(body.laws.items(), 1):
         try:
             card = ET.fromstring(febio.write(Values(law, febio.PROGRAM, unit**-2), region or _BODY))
@@ -105,8 +125,7 @@ def _materials(body: LoadedBody, unit: float) -> Iterator[str]:
         card.set("id", str(number))
         if body.density:
             ET.SubElement(card, "density").text = repr(body.density * unit**4)
-        yield ET.tostring(card, encoding="unicode").strip()
-    yield "</Material>"
+        yield card
 
 
 def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, unit: float) -> Iterator[str]:
