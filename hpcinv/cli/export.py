@@ -66,7 +66,7 @@ def add_export(commands: Any) -> None:
         "--copy-of",
         type=Path,
         metavar="DECK",
-        help=".inp: copy this deck of the job, with the nodes of the shape",
+        help=".inp, .feb, .cdb: copy this deck of the job, with the nodes of the shape",
     )
     export.add_argument(
         "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
@@ -183,18 +183,23 @@ def _export_copy(options: argparse.Namespace) -> int:
     from hpcinv.base.files.atomic import write_output
     from hpcinv.base.reading.door import admitted
     from hpcinv.errors import MeshError
+    from hpcinv.formats.cards.moved_cdb import moved_archive
+    from hpcinv.formats.cards.moved_feb import moved_model
     from hpcinv.formats.cards.moved_inp import moved_deck
     from hpcinv.geometry.workshop.run_shapes import read_shape
     from hpcinv.output.run_directory import RunDirectory
 
-    if options.to is None or {suffix_of(options.to), suffix_of(options.copy_of)} != {".inp"}:
-        raise OutputError("--copy-of: needs two decks of CalculiX or Abaqus: --to NEW.inp --copy-of OLD.inp")
+    movers = {".inp": moved_deck, ".feb": moved_model, ".cdb": moved_archive}
+    suffix = suffix_of(options.copy_of)
+    if options.to is None or suffix not in movers or suffix_of(options.to) != suffix:
+        text = f"needs two decks with one of the endings {', '.join(movers)}: --to NEW.inp --copy-of OLD.inp"
+        raise OutputError(f"--copy-of: {text}")
     source = read_shape(options.run, options.shape)
     unit = RunDirectory(options.run).job(None).mesh.metres
     rows = zip(source.node_tags.tolist(), (source.points * options.scale / unit).tolist(), strict=True)
     try:
         text = admitted(options.copy_of).read_bytes().decode("utf-8", "surrogateescape")
-        moved = moved_deck(text, dict(rows))
+        moved = movers[suffix](text, dict(rows))
     except OSError as error:
         raise OutputError(f"{options.copy_of}: cannot be read: {error.strerror}") from None
     except MeshError as error:

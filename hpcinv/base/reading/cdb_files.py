@@ -197,13 +197,17 @@ def _kind(text: str, place: str) -> int:
 
 def _format(lines: _Lines) -> tuple[list[int], int]:
     """Return the widths of the integers in a line, and the width of the numbers after them, 0 if there are none."""
-    text = lines.next()
+    return block_format(lines.next(), lines.place)
+
+
+def block_format(text: str, place: str) -> tuple[list[int], int]:
+    """Return the widths of the integers in a line, and the width of the numbers after them, 0 if there are none."""
     match = _FORMAT.match(text.strip())
     pairs = [(int(count), int(width)) for count, width in _INTEGERS.findall(match[1])] if match else []
     real = int(match[3] or 0) if match else 0
     widths = [width for count, width in pairs for _ in range(min(count, 100))]
     if not 0 < len(widths) < 100 or not all(0 < width < 100 for width in widths) or real > 100:
-        raise Fault(f"{lines.place}: '{shown(text)}' is not a format of a block", "Write it by CDWRITE,DB.")
+        raise Fault(f"{place}: '{shown(text.strip())}' is not a format of a block", "Write it by CDWRITE,DB.")
     return widths, real
 
 
@@ -212,7 +216,8 @@ def _fields(line: str, width: int, start: int = 0) -> Iterator[str]:
         yield line[at : at + width]
 
 
-def _is_end(line: str) -> bool:
+def is_end(line: str) -> bool:
+    """Return whether a line ends a block."""
     return line.strip().startswith("-1") or line.strip().upper().startswith("N,")
 
 
@@ -220,7 +225,7 @@ def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> No
     widths, real = _format(lines)
     if not real:
         raise Fault(f"{lines.place}: the format of NBLOCK has no coordinates", "Write it by CDWRITE,DB.")
-    while not _is_end(line := lines.next()):
+    while not is_end(line := lines.next()):
         tags.append(whole_number(line[: widths[0]], lines.place))
         position = [number(text, lines.place) for text in _fields(line, real, sum(widths))][:3]
         points.append(position + [0.0] * (3 - len(position)))  # zeros at the end are left out
@@ -229,21 +234,21 @@ def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> No
 def _other_elements(lines: _Lines) -> Iterator[int]:
     """Yield the numbers of the elements of a block that are not solids, such as surfaces and contacts."""
     (width, *_), _ = _format(lines)
-    while not _is_end(line := lines.next()):
+    while not is_end(line := lines.next()):
         yield whole_number(line[:width], lines.place)
 
 
 def _elements(lines: _Lines) -> Iterator[tuple[int, int, int, list[int]]]:
     """Yield number, material, type and nodes of each element of a block of solids."""
     (width, *_), _ = _format(lines)
-    while not _is_end(line := lines.next()):
+    while not is_end(line := lines.next()):
         place = lines.place
         entries = whole_numbers(_fields(line, width), place)
         if len(entries) < _HEAD:
             raise Fault(f"{place}: an element has {len(entries)} numbers, not {_HEAD} and its nodes")
         count, nodes = entries[8], entries[_HEAD:]
         while len(nodes) < count:
-            if _is_end(more := lines.next()):
+            if is_end(more := lines.next()):
                 raise Fault(f"{place}: element {entries[10]} has {len(nodes)} nodes, not {count}")
             nodes += whole_numbers(_fields(more, width), lines.place)
         if len(nodes) != count:
@@ -269,7 +274,7 @@ def _shape(tag: int, nodes: list[int]) -> Shape:
 def _types(lines: _Lines) -> dict[int, int]:
     (width, *_), _ = _format(lines)
     kinds = {}
-    while not _is_end(line := lines.next()):
+    while not is_end(line := lines.next()):
         entries = whole_numbers(list(_fields(line, width))[:2], lines.place)
         if len(entries) == 2:
             kinds[entries[0]] = entries[1]
