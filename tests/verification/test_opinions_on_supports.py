@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ import pytest
 from helpers.second_opinions import BLOCK, LOST, distance, job_of_deck, needs_calculix, reaches_given_body, solved
 
 from hpcinv.__main__ import main
+from hpcinv.errors import OutputError
+from hpcinv.physics.effects.thermal_expansion import ThermalExpansion
+from hpcinv.studies.second_opinion.calculix_deck import LOADS, write_deck
+from hpcinv.studies.second_opinion.calculix_heat import add_expansion
 from hpcinv.studies.second_opinion.loaded_body import loaded_body
 
 TUBE: dict[str, Any] = {
@@ -102,6 +107,20 @@ def test_remote_loads_turn_a_face_as_ours_and_are_read_back(direction: str, tmp_
     assert reaches_given_body(run, again) < 1e-5
 
 
+@needs_calculix
+def test_thermal_expansion_up_to_two_percent_is_as_ours(tmp_path: Path) -> None:
+    heat = {"effect": "thermal-expansion", "coefficient": 2e-4, "temperature_change": 50}
+    run = solved(
+        tmp_path, effects=[*BLOCK["effects"], heat], supports=[*BLOCK["supports"], {"region": "y1", "fix": ["y"]}]
+    )
+    assert distance(run) < 5e-4  # 2 (alpha ΔT)² is 2e-4
+    with pytest.raises(OutputError, match="no tested counterpart in Abaqus"):
+        write_deck(tmp_path / "a.inp", loaded_body(run, LOADS), 1.0, "abaqus")
+    body = replace(loaded_body(run, LOADS), expansion=())
+    hotter = ThermalExpansion.model_validate(heat | {"temperature_change": 150})
+    assert "is another strain in CalculiX" in str(add_expansion(body, hotter, "effects[0]"))
+
+
 def test_abaqus_gets_hybrid_elements_for_unknown_pressures_and_no_controls_of_calculix(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,3 +139,22 @@ def test_abaqus_gets_hybrid_elements_for_unknown_pressures_and_no_controls_of_ca
     assert "CalculiX has no elements for incompressible bodies" in capsys.readouterr().err
     assert main(["export", str(run), "--deck", str(tmp_path / "a.feb"), "--for", "abaqus"]) == 2
     assert "--for abaqus: is for decks whose name ends with .inp" in capsys.readouterr().err
+
+
+def test_abaqus_gets_the_directions_of_fibres_and_is_read_back(tmp_path: Path) -> None:
+    spaces = {"displacement": 2, "formulation": "mixed"}
+    law = {"law": "holzapfel-gasser-ogden", "mu": 1e4, "k1": 5e3, "k2": 2, "dispersion": 0.1, "kappa": "incompressible"}
+    one = {
+        "a": {"direction": [3, 0, 4], "given_on": "reference"},
+        "b": {"direction": [0, 1, 0], "given_on": "reference"},
+    }
+    posed = {"mesh": BLOCK["mesh"] | {"geometry_degree": 2}, "discretisation": spaces, "effects": BLOCK["effects"][:1]}
+    run = solved(tmp_path, **posed, material=law | {"fibres": ["a", "b"]}, fibres=one)
+    again, text = job_of_deck(run, tmp_path)
+    assert "Not taken from the file" not in text
+    [law_again] = again.laws.values()
+    assert len(law_again.families) == 2
+    assert reaches_given_body(run, again, discretisation=spaces) < 1e-5
+    body = loaded_body(run)
+    with pytest.raises(OutputError, match=r"fibres.b: its direction varies"):
+        write_deck(tmp_path / "a.inp", replace(body, fibres={"a": body.fibres["a"]}), 1.0, "abaqus")

@@ -38,7 +38,7 @@ USED: Mapping[str, tuple[str, ...]] = {
     "NODAL THICKNESS": (),
     "NODE": ("NSET", "SYSTEM", "INPUT"),
     "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE"),
-    "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION"),
+    "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION", "LOCAL DIRECTIONS"),
     "PART": ("NAME",),
     "RIGID BODY": ("NSET", "TIE NSET", "PIN NSET", "REF NODE", "ROT NODE", "ELSET"),
     "SHELL GENERAL SECTION": _SHELL,

@@ -21,15 +21,23 @@ from hpcinv.formats.readers.elements import elements_of, faces_of
 from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.physics.effects.elastic_foundation import ElasticFoundation
+from hpcinv.physics.effects.thermal_expansion import ThermalExpansion
 from hpcinv.physics.materials import MaterialLaw
+from hpcinv.studies.second_opinion.abaqus_fibres import orientation_lines, orientation_of
 from hpcinv.studies.second_opinion.calculix_couplings import MOMENT_NOTE, coupling_lines, remote_forces
 from hpcinv.studies.second_opinion.calculix_frames import Frames
+from hpcinv.studies.second_opinion.calculix_heat import (
+    add_expansion,
+    expansion_lines,
+    first_temperature,
+    last_temperature,
+)
 from hpcinv.studies.second_opinion.calculix_springs import spring_lines
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Ability, LoadedBody, Writers, add_foundation
 
 type Program = Literal["calculix", "abaqus"]
 ABILITIES: tuple[Ability, ...] = ("slides", "remote")
-LOADS: Writers = {**WRITERS, ElasticFoundation: add_foundation}
+LOADS: Writers = {**WRITERS, ElasticFoundation: add_foundation, ThermalExpansion: add_expansion}
 """What is written; every other effect is refused by its name."""
 CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"
 """sets of all cells and of all nodes"""
@@ -68,6 +76,9 @@ def write_deck(path: Path, body: LoadedBody, unit: float, program: Program = "ca
     """
     if program == "calculix" and any(law.is_incompressible for law in body.laws.values()):
         raise OutputError("material: CalculiX has no elements for incompressible bodies", "Give kappa a number.")
+    if program == "abaqus" and body.expansion:
+        text = "effects: thermal expansion has no tested counterpart in Abaqus: its energy may be per unheated volume"
+        raise OutputError(text, "Export a job without it.")
     with tempfile.TemporaryDirectory() as directory:
         plain = Path(directory) / "mesh.inp"
         mesh = write_cells(plain, body.rest, None, 1.0, unit)
@@ -124,14 +135,24 @@ def _model(posed: _Posed) -> Iterator[str]:
     yield f"*ELSET, ELSET={CELLS}\n"
     yield from _rows(mesh.cell_tags.tolist())
     for region, law in body.laws.items():
-        yield _card(law, region or "BODY", unit)
-        if body.density:
-            yield f"*DENSITY\n{number(body.density * unit**4)}\n"
-        yield f"*SOLID SECTION, ELSET={region or CELLS}, MATERIAL={region or 'BODY'}\n"
+        yield from _material(body, region, law, unit)
     yield from posed.frames.lines(mesh.node_tags, posed.deck.nodes)
     yield from coupling_lines(body, posed.first_node, unit)
     yield from spring_lines(body, mesh, posed.frames, posed.first_node + len(body.remotes), unit)
+    yield from first_temperature(body, NODES)
     yield from _held(posed, moved=False)
+
+
+def _material(body: LoadedBody, region: str, law: MaterialLaw, unit: float) -> Iterator[str]:
+    """Yield the material of a region, or of the whole body, and its section."""
+    name = region or "BODY"
+    yield from orientation_lines(body, law, name)
+    yield _card(law, name, unit)
+    if body.density:
+        yield f"*DENSITY\n{number(body.density * unit**4)}\n"
+    yield from expansion_lines(body)
+    axes = orientation_of(law, name)
+    yield f"*SOLID SECTION, ELSET={region or CELLS}, MATERIAL={name}{f', ORIENTATION={axes}' if axes else ''}\n"
 
 
 def _card(law: MaterialLaw, name: str, unit: float) -> str:
@@ -177,6 +198,7 @@ def _step(posed: _Posed) -> Iterator[str]:
 def _loads(posed: _Posed) -> Iterator[str]:
     """Yield weight and pressures."""
     body, mesh, unit = posed.body, posed.mesh, posed.unit
+    yield from last_temperature(body, NODES)
     if (size := float(np.linalg.norm(body.acceleration))) and body.density:
         direction = ", ".join(number(float(g) / size) for g in body.acceleration)
         yield f"*DLOAD\n{CELLS}, GRAV, {number(size / unit)}, {direction}\n"

@@ -23,6 +23,7 @@ from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.pressure import Pressure
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.physics.materials import MaterialLaw
+from hpcinv.studies.second_opinion.fibre_directions import constant_directions
 from hpcinv.studies.second_opinion.foundations import Foundation
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.regions import group_of
@@ -60,6 +61,8 @@ class LoadedBody:
         pressures: follower pressures, Pa, by their facets.
         tractions: tractions (3,), Pa, by their facets, and whether they are per loaded area; for programs that have
             them, instead of ``forces``.
+        fibres: unit vectors (3,) of families whose direction does not vary over the rest body, by their names.
+        expansion: coefficient (1/K) and change of temperature (K) of the whole body; empty without one.
         quadrature: degree of the quadrature of the run.
         is_mixed: whether its pressure is an unknown.
         density: of the rest body, kg/m³; 0 without weight.
@@ -78,6 +81,8 @@ class LoadedBody:
     foundations: list[Foundation] = field(default_factory=list)
     pressures: list[tuple[Group, float]] = field(default_factory=list)
     tractions: list[tuple[Group, Floats, bool]] = field(default_factory=list)
+    fibres: Mapping[str, Floats] = field(default_factory=dict)
+    expansion: tuple[float, float] | tuple[()] = ()
     quadrature: int = 2
     is_mixed: bool = False
     density: float = 0.0
@@ -119,6 +124,7 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
     for region in filter(None, laws):
         group_of(rest, region, 3)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
+    body.fibres = dict(constant_directions(job.fibres))
     body.is_mixed, spaces = job.is_mixed, job.discretisation
     body.quadrature = spaces.quadrature or default_quadrature(rest.kind, spaces.displacement)
     faults = [*_supports(body, job, abilities), *add_loads(body, job.effects, writers)]
