@@ -17,6 +17,7 @@ import pytest
 import pyvista
 import yaml
 from helpers.command_line import BLOCK, ROOT, write_job
+from helpers.freecad_deck import deck
 from helpers.typed import blocks, files, run_line, type_in
 
 OTHERS = [*(ROOT / "docs").glob("tutorials/*.md"), ROOT / "docs/start/your-own-mesh.md", ROOT / "docs/reference/api.md"]
@@ -130,6 +131,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         run_line(line, directory)
     rubber_tests(directory)
+    (directory / "Mesh.inp").write_text(deck())
     ball(directory / "scan.nii.gz", 20)
     ball(directory / "later.nii.gz", 500)
     for name in ("straight.stl", "scan.stl"):

@@ -265,6 +265,18 @@ def test_small_roundings_that_make_a_mesh_large_are_named(
     assert not any("mesh.grade" in line for line in lines)
 
 
+def test_a_body_of_flat_faces_is_refitted(cad: Callable[[str], Path]) -> None:
+    """Its edges have no curves in the parameters of faces."""
+    path = cad("box.step")
+    given = read(path, size="5 mm", geometry_degree=2)
+    x, y, z = given.points.T
+    found = dataclasses.replace(given, points=np.column_stack([x, y, z + 4 * x**2]))
+    volume = volume_of(found, None) * 1e9
+    step = refit(path, movement(given, found, 1e-3, 1.0, 1e-2), 1e-2, volume)
+    assert step.faces == 6
+    assert step.volume == pytest.approx(volume, rel=1e-4)
+
+
 def test_faces_are_refitted_to_a_moved_shape(cad: Callable[[str], Path], tmp_path: Path) -> None:
     """A plate with a hole is bent and twisted: planes, a cylinder with a seam, and edges without curves on planes."""
     path = cad("plate.step")

@@ -113,7 +113,8 @@ class BrepText:
         if sorted(self._surfaces) != list(range(1, self._surface_count + 1)):
             raise UnknownForm("faces share surfaces with others")
         count = self._first_plane_curve
-        head = self._plane_head.replace(f"Curve2ds {count}\n", f"Curve2ds {count + len(self._plane_curves)}\n", 1)
+        title = f"Curve2ds {count + len(self._plane_curves)}"  # which ends the head if all faces are flat
+        head = re.sub(r"^Curve2ds \d+$", title, self._plane_head, count=1, flags=re.MULTILINE)
         surfaces = "".join(self._surfaces[number] for number in sorted(self._surfaces))
         return "".join(
             (
