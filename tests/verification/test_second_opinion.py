@@ -141,7 +141,15 @@ def test_a_job_keeps_its_results_where_no_program_can_be_asked(tmp_path: Path, m
 def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(tmp_path: Path) -> None:
     spaces = {"displacement": 2, "formulation": "mixed"}
     law = BODY["material"] | {"kappa": 1e6}
-    run = solved(tmp_path, mesh=BODY["mesh"] | {"geometry_degree": 2}, discretisation=spaces, material=law)
+    loads = [*BODY["effects"], {"effect": "pressure", "region": "side", "pressure": 50}]
+    run = solved(
+        tmp_path,
+        mesh=BODY["mesh"] | {"geometry_degree": 2},
+        regions={"side": "x < 1e-6 m"},  # not on the rest shape
+        discretisation=spaces,
+        material=law,
+        effects=loads,
+    )
     opinion = second_opinion(run, None, 120)
     assert opinion.by_elements is not None
     assert opinion.apart is not None
@@ -221,12 +229,18 @@ def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> No
     assert "effects[3]: 'elastic-foundation' has no counterpart" in str(error.value)
 
 
-def test_a_law_of_a_region_that_the_file_has_not_is_refused(tmp_path: Path) -> None:
+@needs_calculix
+def test_regions_by_conditions_are_those_of_the_given_body(tmp_path: Path) -> None:
+    """The bodies hang aslant: on the rest shape the conditions choose other facets or none."""
     law = BODY["material"]
-    halves = {"low": "z <= 0.1001 m", "high": "z >= 0.0999 m"}
-    run = solved(tmp_path, regions=halves, material={"low": law, "high": law | {"mu": 2e4}})
-    with pytest.raises(OutputError, match="has no region 'low'"):
-        loaded_body(run)
+    halves = {"low": "z <= 0.1001 m", "high": "z >= 0.0999 m", "held": "nz < -0.99", "side": "x < 1e-6 m"}
+    loads = [*BODY["effects"], {"effect": "pressure", "region": "side", "pressure": 200}]
+    supports = [{"region": "held", "fix": ["x", "y", "z"]}]
+    laws = {"low": law, "high": law | {"mu": 2e4}}
+    run = solved(tmp_path, regions=halves, material=laws, effects=loads, supports=supports)
+    opinion = second_opinion(run, None, 60)
+    assert opinion.displacement > 0.005
+    assert opinion.largest < 1e-4 * opinion.displacement
 
 
 def test_a_program_that_says_no_version_has_none(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
+from hpcinv.geometry.workshop.job_regions import with_job_regions
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
@@ -120,6 +121,7 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
             f"{run}: its files have fewer nodes than the computed body",
             "Run it with 'mesh: {geometry_degree: 2}', or with 'discretisation: {displacement: 1}'.",
         )
+    rest = with_job_regions(rest, loaded if job.directions[0] == "inverse" else rest, job)
     laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
     for region in filter(None, laws):
         group_of(rest, region, 3)

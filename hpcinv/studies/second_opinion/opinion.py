@@ -16,6 +16,7 @@ from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
 from hpcinv.interface import run as run_job
 from hpcinv.job.job import Job, load
+from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import write_on_this_rank
@@ -76,9 +77,10 @@ class Opinion:
 
     def lines(self) -> list[str]:
         """Return sentences for the terminal, the certificate and reports."""
-        place, share = ", ".join(f"{c:.4g}" for c in self.place), self.largest / self.displacement
+        place = ", ".join(f"{c:.4g}" for c in self.place)
         text = f"{self.program} loads the rest shape to within {readable(self.largest, 'm')} of the given body"
-        found = [f"{text} ({share:.2g} of the largest displacement), largest at ({place}) m"]
+        share = f" ({self.largest / self.displacement:.2g} of the largest displacement)" if self.displacement else ""
+        found = [f"{text}{share}, largest at ({place}) m"]
         if self.by_elements is None:
             found.append(f"how much its elements ({self.element}) explain is not known: {self.reason}")
         elif self.by_elements:
@@ -170,23 +172,21 @@ def _with_their_elements(run: Path, job: Job, body: LoadedBody, element: str) ->
         return None, "a support moves, as formulas and motions on the given body say"
     if any(slide.plane_normal is None for slide in body.slides):
         return None, "a support slides on a curved face, whose normals are of the given body"
-    rest = run / "shape.msh"
-    if job.directions[0] != "inverse" or not is_file(rest):
-        return None, "the run has no file shape.msh of the rest shape"
-    mesh = {"file": str(rest.absolute()), "geometry_degree": job.discretisation.displacement}
+    on_given_body = ("first", "quantities", "expected_shape", "regions")  # the file of the rest shape has the regions
     other: dict[str, Any] = {
-        **{key: value for key, value in job.data.items() if key not in ("first", "quantities", "expected_shape")},
+        **{key: value for key, value in job.data.items() if key not in on_given_body},
         "analysis": "forward",
-        "mesh": mesh,
         "certificate": "off",
         "output": {"mesh": ["msh"], "fields": False},
         "discretisation": {"displacement": job.discretisation.displacement, "formulation": "displacement"},
     }
     with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "rest.msh"
+        save(file, body.rest, body.rest.points)
+        other["mesh"] = {"file": str(file), "geometry_degree": job.discretisation.displacement}
         try:
-            run_job(
-                load(other, directory=job.resolve("")), MPI.COMM_SELF, directory=Path(directory) / "run", progress=False
-            )
+            forward = load(other, directory=job.resolve(""))
+            run_job(forward, MPI.COMM_SELF, directory=Path(directory) / "run", progress=False)
         except HpcinvError as error:
             return None, error.message.splitlines()[0]
         return read_shape(Path(directory) / "run", DEFORMED).points, ""

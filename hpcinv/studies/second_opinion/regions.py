@@ -16,5 +16,6 @@ def group_of(mesh: MeshSource, region: str, dim: int = 2) -> Group:
         if (group.name, group.dim) == (region, dim):
             return group
     raise OutputError(
-        f"{mesh.path}: has no region '{region}'", "Regions that a job defines by conditions are not in the file."
+        f"{mesh.path}: has no region '{region}' of {dim} dimensions",
+        "Name a group of the mesh, or define it in the job.",
     )
