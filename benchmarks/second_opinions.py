@@ -105,7 +105,6 @@ def kept(name: str, path: Path, store: Path, limit: float) -> dict[str, Any]:
 
 def found(path: Path) -> dict[str, Any]:
     """Solve a body, and return the opinion or why there is none."""
-    import hpcinv.base.parallel.runtime  # its import order first
     from hpcinv.errors import HpcinvError
 
     with tempfile.TemporaryDirectory() as directory, contextlib.redirect_stdout(io.StringIO()):
@@ -138,21 +137,19 @@ def opinion_of(path: Path, directory: Path) -> dict[str, Any]:
     from hpcinv.base.quantity.keys import assigned
     from hpcinv.errors import SolveError
     from hpcinv.interface import run
+    from hpcinv.job.body_kinds import SOLID
     from hpcinv.job.job import parse
     from hpcinv.job.yaml_reader import read_yaml
     from hpcinv.studies.second_opinion.opinion import second_opinion
 
-    data = {key: value for key, value in read_yaml(path).items() if key not in LEFT}
+    data = given_state({key: value for key, value in read_yaml(path).items() if key not in LEFT})
     given = parse(data, path)
-    changes = {
-        "certificate": "off",
-        "output": {"mesh": ["msh"], "fields": False},
-        "mesh.geometry_degree": given.discretisation.displacement,
-        **laws_of_both(given),
-    }
+    changes = {"certificate": "off", "output": {"mesh": ["msh"], "fields": False}, **laws_of_both(given)}
+    if given.mesh.kind is SOLID:
+        changes["mesh.geometry_degree"] = given.discretisation.displacement
     reason = ""
     for analysis in ("inverse", "forward"):
-        job = parse(assigned(data, changes if "states" in data else changes | {"analysis": analysis}), path)
+        job = parse(assigned(data, changes | {"analysis": analysis}), path)
         try:
             run(job, MPI.COMM_SELF, directory=directory / analysis, progress=False)
         except SolveError as error:
@@ -168,6 +165,13 @@ def opinion_of(path: Path, directory: Path) -> dict[str, Any]:
             "why": said.reason,
         }
     return {"reason": f"no solution: {reason}"}
+
+
+def given_state(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a job with the given one of its states only."""
+    state = next((state for state in data.pop("states", ()) if state.get("given")), {})
+    parts = {key: [*data.get(key, ()), *(state.get(key) or ())] for key in ("effects", "supports")}
+    return data | {key: entries for key, entries in parts.items() if entries}
 
 
 def laws_of_both(job: Job) -> dict[str, Any]:
@@ -198,10 +202,15 @@ def print_table(rows: dict[str, dict[str, Any]]) -> None:
     for name, row in heard.items():
         share = [None if row[key] is None else row[key] / row["displacement"] for key in ("by_elements", "apart")]
         explained, apart = ["not known" if value is None else f"{value:.1e}" for value in share]
+<<<<<<< HEAD
         print(
             f"| {name} | {row['law']} | {row['solved']} | {row['element']} | {row['verdict']} | {row['largest'] * 1e3:.2g} ",
             end="",
         )
+=======
+        kind = " | ".join(row[key] for key in ("law", "solved", "element", "verdict"))
+        print(f"| {name} | {kind} | {row['largest'] * 1e3:.2g} ", end="")
+>>>>>>> e24aa0f1 (Give parts of six long functions names of their own)
         print(f"| {row['largest'] / row['displacement']:.1e} | {explained} | {apart} |")
     print(f"\n{len(heard)} opinions: {dict(collections.Counter(row['verdict'] for row in heard.values()))}\n")
     for reason, count in collections.Counter(row["reason"] for row in rows.values() if "reason" in row).most_common():

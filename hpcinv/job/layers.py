@@ -4,7 +4,7 @@ The pressure of a mixed form jumps where one layer meets another, so that each h
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,18 +66,24 @@ def layerings_of(
         return ()
     free = {(number.where, *number.place) for number in tied_parameters(varied)}
     law_layers = _classes({where: _text(law, where, free) for where, law in laws.items()})
-    values: dict[tuple[int | None, tuple[str, ...]], list[Sequence[Any]]] = {}
-    for where, owner in owners:
-        law = law_layers.get(where)
-        own = {part for place in free if place[0] == where for part in place[1:]}
-        for regions, numbers in _regional_numbers(owner, own):
-            values.setdefault((law, regions), []).append(numbers)
-    layerings = [Layering({where.removeprefix("material."): number for where, number in law_layers.items()})]
-    layerings += [
-        Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)
-        for (law, regions), fields in values.items()
+    layerings = [
+        Layering({where.removeprefix("material."): number for where, number in law_layers.items()}),
+        *_regional_layerings(owners, law_layers, free),
     ]
     return tuple(layering for layering in layerings if max(layering.classes.values()) > 0)
+
+
+def _regional_layerings(
+    owners: Iterable[tuple[str, Ingredient]], law_layers: Mapping[str, int], free: set[tuple[Any, ...]]
+) -> Iterator[Layering]:
+    """Yield what values by region divide a body into; arguments as in `layerings_of`."""
+    values: dict[tuple[int | None, tuple[str, ...]], list[Sequence[Any]]] = {}
+    for where, owner in owners:
+        own = {part for place in free if place[0] == where for part in place[1:]}
+        for regions, numbers in _regional_numbers(owner, own):
+            values.setdefault((law_layers.get(where), regions), []).append(numbers)
+    for (law, regions), fields in values.items():
+        yield Layering(_classes(dict(zip(regions, zip(*fields, strict=True), strict=True))), law)
 
 
 def _text(law: MaterialLaw, where: str, free: set[tuple[Any, ...]]) -> str:

@@ -280,3 +280,11 @@ def test_a_law_without_a_card_is_refused(plain_run: Path, tmp_path: Path) -> Non
     with pytest.raises(OutputError, match="law 'neo-hookean' has no counterpart in Abaqus"):
         write_deck(tmp_path / "part.inp", body, 1.0)
     assert not (tmp_path / "part.inp").exists()
+
+
+@needs_calculix
+def test_a_body_without_load_has_an_opinion(tmp_path: Path) -> None:
+    opinion = second_opinion(solved(tmp_path, effects=[]), None, 60)
+    assert opinion.displacement == 0.0
+    assert opinion.verdict is Verdict.PASS
+    assert "of the largest displacement" not in opinion.lines()[0]

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from hpcinv.errors import MeshError
@@ -76,30 +77,23 @@ def _wall(path: Path, mesh: MeshSource, size: float, ends: Sequence[str], inner:
     wall_cell, cavity_cell = (_cell_behind(mesh, regions[name]) for name in (WALL, CAVITY))
     is_inner = (wall_cell >= 0) & (cavity_cell >= 0)
     is_opening, is_outer = (cavity_cell >= 0) & ~is_inner, (wall_cell >= 0) & ~is_inner
-    for cells, facets in ((wall_cell, is_outer), (cavity_cell, is_opening)):  # outwards
-        cell_middles = mesh.points[mesh.cells[cells[facets]]].mean(axis=1)
-        wrong = np.einsum("ij,ij->i", normals[facets], middles[facets] - cell_middles) < 0
-        normals[np.flatnonzero(facets)[wrong]] *= -1
+    for cells, facets in ((wall_cell, is_outer), (cavity_cell, is_opening)):
+        _turn_outwards(mesh, cells, facets, normals, middles)
     openings = _pieces(mesh.facets, np.flatnonzero(is_opening), areas)
     if not is_inner.any() or len(openings) != len(ends):
         raise opening_error(path, len(openings), f"{len(ends)} {'is' if len(ends) == 1 else 'are'} needed")
-    weighted = [np.average(middles[o], axis=0, weights=areas[o]) for o in openings]
-    order = [int(number) for number in np.argsort([middle[2] for middle in weighted])]
-    if len(ends) > 2:
-        largest = max(order, key=lambda number: float(areas[openings[number]].sum()))
-        order.sort(key=lambda number: number != largest)
+    weighted = np.array([np.average(middles[o], axis=0, weights=areas[o]) for o in openings])
     is_end, surfaces = np.zeros(len(areas), dtype=bool), list[tuple[str, Ints]]()
-    for number in order:
-        members = openings[number]
+    for members, middle in zip(openings, weighted, strict=True):
         axis = np.average(normals[members], axis=0, weights=areas[members])
         axis /= np.linalg.norm(axis)
-        height = (middles - weighted[number]) @ axis
-        is_close = is_outer & (normals @ axis > _FACING) & (np.abs(height) < _REACH * size)
-        is_end |= is_close
+        height = (middles - middle) @ axis
+        is_end |= is_outer & (normals @ axis > _FACING) & (np.abs(height) < _REACH * size)
     # Edges between the wall's ends and the cavity are rounded, so that some facets face elsewhere.
     lateral = _pieces(mesh.facets, np.flatnonzero(is_outer & ~is_end), areas)
     is_end |= is_outer & ~np.isin(np.arange(len(areas)), max(lateral, key=len, default=[]))
-    nearest = np.argmin([np.linalg.norm(middles - weighted[number], axis=1) for number in order], axis=0)
+    places = weighted[_order(weighted, [float(areas[members].sum()) for members in openings])]
+    nearest = np.argmin(np.linalg.norm(middles - places[:, None], axis=2), axis=0)
     for place, name in enumerate(ends):
         if not len(members := np.flatnonzero(is_end & (nearest == place))):
             raise MeshError(
@@ -109,6 +103,24 @@ def _wall(path: Path, mesh: MeshSource, size: float, ends: Sequence[str], inner:
         surfaces.append((name, members))
     surfaces += [(inner, np.flatnonzero(is_inner)), (outer, np.flatnonzero(is_outer & ~is_end))]
     return _only(mesh, regions[WALL], surfaces)
+
+
+def _turn_outwards(
+    mesh: MeshSource, cells: Ints, chosen: npt.NDArray[np.bool_], normals: Floats, middles: Floats
+) -> None:
+    """Turn the normals of chosen facets away from the cells behind them."""
+    cell_middles = mesh.points[mesh.cells[cells[chosen]]].mean(axis=1)
+    wrong = np.einsum("ij,ij->i", normals[chosen], middles[chosen] - cell_middles) < 0
+    normals[np.flatnonzero(chosen)[wrong]] *= -1
+
+
+def _order(middles: Floats, areas: Sequence[float]) -> list[int]:
+    """Return the openings from below, of more than two the largest before the others."""
+    order = [int(number) for number in np.argsort(middles[:, 2])]
+    if len(order) > 2:
+        largest = max(order, key=areas.__getitem__)
+        order.sort(key=lambda number: number != largest)
+    return order
 
 
 def opening_error(path: Path, count: int, needed: str) -> MeshError:

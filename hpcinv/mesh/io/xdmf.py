@@ -52,12 +52,8 @@ def read_xdmf(path: Path) -> MeshSource:
         entity_kind, entities = _topology(path, grid)
         if values is None or entity_kind not in (kind, FACET_KIND[kind]):
             continue
-        if degree_of(path, entity_kind, entities.shape[1]) != degree:
-            raise MeshError(
-                f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry."
-            )
         name, dim = grid.get("Name", "tags"), 3 if entity_kind == kind else 2
-        tags = _tags(path, name, values, len(entities))
+        tags = _tags(path, name, values, (entity_kind, entities), degree)
         if dim == 3:
             rows = _cell_rows(path, name, entities, cells)
         else:
@@ -92,8 +88,11 @@ def _body(path: Path, mesh: ET.Element) -> tuple[str, Ints, npt.NDArray[np.float
     return kind, cells, points
 
 
-def _tags(path: Path, name: str, values: ET.Element, count: int) -> npt.NDArray[Any]:
-    """Return the tags of some entities."""
+def _tags(path: Path, name: str, values: ET.Element, entities: tuple[str, Ints], degree: int) -> npt.NDArray[Any]:
+    """Return the tags of entities, which are given by kind and nodes, of a mesh of a degree."""
+    count, width = entities[1].shape
+    if degree_of(path, entities[0], width) != degree:
+        raise MeshError(f"{path}: tags and mesh are of different degree", "Write the tags with the mesh's geometry.")
     tags = _data(path, values).ravel()
     if not np.isfinite(tags.astype(np.float64)).all() or np.abs(tags.astype(np.float64)).max(initial=0.0) > 2.0**53:
         raise MeshError(f"{path}: '{name}' has tags that are not finite numbers below 2^53", "Correct the tags.")

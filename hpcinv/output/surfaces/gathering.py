@@ -47,7 +47,7 @@ def boundary_of(
         families: fibres of the job.
         overlapping: states in which the computed body passes through itself, by the certificate.
     """
-    solutions = [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
+    solutions = of_states(solutions)
     regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
 
     widths = dict[str, int]()  # numbers of each field in a cell
@@ -66,8 +66,7 @@ def boundary_of(
     if given is None or rest is None:
         return None
     cut = cut_of(given)
-    columns = np.split(given.values[cut.facet], np.cumsum([*widths.values()])[:-1], axis=1)
-    values = dict(zip(widths, columns, strict=True)) if widths else {}
+    values = _columns(given.values[cut.facet], widths)
     shapes = zip(solutions, (surface for surface in others if surface is not None), strict=True)
     results = tuple(
         # Further states are solved from one shape.
@@ -83,6 +82,17 @@ def boundary_of(
         error=values["error"][:, 0] if estimate else None,
         body_kind=body.source.body_kind,
     )
+
+
+def of_states(solutions: Sequence[Solution]) -> list[Solution]:
+    """Return the first solution, and those of further states: not the second one of a round trip."""
+    return [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
+
+
+def _columns(values: Floats, widths: Mapping[str, int]) -> dict[str, Floats]:
+    """Return the columns of each name, of which there are so many."""
+    ends = np.cumsum([*widths.values()], dtype=np.int64)
+    return {name: values[:, end - width : end] for (name, width), end in zip(widths.items(), ends, strict=True)}
 
 
 def _result(

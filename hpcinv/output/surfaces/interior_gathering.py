@@ -13,6 +13,7 @@ from hpcinv.mesh.boundary_shells import SIDES, facing
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import unique_rows
+from hpcinv.output.surfaces.gathering import of_states
 from hpcinv.output.surfaces.interior import Interior, InteriorResult
 from hpcinv.results.cell_fields import cell_fields
 from hpcinv.results.solution import Solution
@@ -36,7 +37,7 @@ def interior_of(
         labels: regions of cells that a job defines and has materials for; groups of the mesh are always kept.
         most: about the largest number of tetrahedra.
     """
-    solutions = [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
+    solutions = of_states(solutions)
     most = most * _STATES // max(_STATES, len(solutions))
     mesh, comm, kind = body.mesh, body.mesh.comm, body.source.kind
     owned = mesh.topology.index_map(3).size_local
@@ -57,8 +58,12 @@ def interior_of(
     chosen = _distinct(keys[corners])
     used = np.unique(corners[chosen])
     places = middles[chosen % len(pattern)]
-    names = [name for name, r in body.regions.items() if r.cell_count and (r.origin == "physical" or name in labels)]
-    marks = np.stack([np.isin(cells[chosen], body.regions[name].cells) for name in names] or [chosen < 0], axis=1)
+    regions = {
+        name: region.cells
+        for name, region in body.regions.items()
+        if region.cell_count and (region.origin == "physical" or name in labels)
+    }
+    marks = np.stack([np.isin(cells[chosen], members) for members in regions.values()] or [chosen < 0], axis=1)
     positions = [nodes, *(part for solution in solutions for part in (solution.mesh_nodes, solution.other_nodes))]
     parts = [_values(body, solution, cells[chosen], places) for solution in solutions]
     gathered = comm.gather(
@@ -72,7 +77,7 @@ def interior_of(
             np.concatenate([part[used] for part in positions], axis=1),
         )
     )
-    return None if gathered is None else _joined(gathered, names, len(solutions), is_joined=is_joined)
+    return None if gathered is None else _joined(gathered, list(regions), len(solutions), is_joined=is_joined)
 
 
 def _joined(gathered: Sequence[tuple[Any, ...]], names: Sequence[str], count: int, *, is_joined: bool) -> Interior:

@@ -59,9 +59,7 @@ def draw_result(
     shapes = _shapes(boundary, rest)
     sections = [cut.section(shape) if cut else None for shape in shapes]
     known, inner = _values(job["job"], boundary, shapes, sections, colour)
-    everything = [values for values in (*known, *inner) if values is not None]
-    lowest = min(float(part.min(initial=np.inf)) for part in everything)
-    highest = max(float(part.max(initial=-np.inf)) for part in everything)
+    lowest, highest = _range([values for values in (*known, *inner) if values is not None])
     units: Mapping[str, str] = summary.get("units") or {}
     size, symbol = unit_of([lowest, highest], unit, units)
     frame = np.concatenate([shape.points for shape in shapes])
@@ -79,17 +77,22 @@ def draw_result(
         views.append(View([*parts, shadow], frame, front, up, shape.title))
         if boundary.faces and label.endswith(_PLACE):
             views.append(View(parts, frame, back, up, f"{shape.title}, from behind"))
-    status, verdict = summary["status"], summary["certificate"]["verdict"]
-    draw = partial(
-        figure,
-        views,
-        job["job"],
-        notes=f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}",
-        units=units,
-    )
+    draw = partial(figure, views, job["job"], notes=_verdict_text(summary), units=units)
     if colour == "regions":
         return draw(legend=list(_palette(boundary, cut).items()))
     return draw(colours=(_title_of_colours(label, symbol, boundary, cut), lowest / size, highest / size))
+
+
+def _range(parts: Sequence[Floats]) -> tuple[float, float]:
+    """Return the least and the largest value."""
+    return min(float(part.min(initial=np.inf)) for part in parts), max(
+        float(part.max(initial=-np.inf)) for part in parts
+    )
+
+
+def _verdict_text(summary: Mapping[str, Any]) -> str:
+    status, verdict = summary["status"], summary["certificate"]["verdict"]
+    return f"certificate: {verdict}" if status == "converged" else f"the full load was not reached: {status}"
 
 
 def _title_of_colours(label: str, symbol: str, boundary: Boundary, cut: Cut | None) -> str:

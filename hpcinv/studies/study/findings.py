@@ -147,21 +147,26 @@ def _points(
         base = plan.study.series_called(series).base
         others = [] if base is None else members.get((base, step), members[base, 0])
         known = tuple(e for i in numbers if (e := errors[i]) is not None)
-        converged = [row for row in those if row.converged]
-        figures: dict[str, float | None] = {
-            "average": _average(known),
-            "sd": statistics.stdev(known) if len(known) > 1 else None,
-            "minimum": min(known, default=None),
-            "maximum": max(known, default=None),
-        }
-        for name in those[0].costs:
-            figures[name] = _average([c for row in converged if (c := row.costs[name]) is not None])
         ratio = None if base is None else _ratio(those, [rows[i] for i in others])
-        figures |= {"ratio": ratio, "failed": len(those) - len(converged)}
-        promised = _average([abs(e) for row in converged if (e := row.estimates[measured]) is not None])
+        figures = _figures(those, known) | {"ratio": ratio}
+        estimates = (row.estimates[measured] for row in those if row.converged)
+        promised = _average([abs(e) for e in estimates if e is not None])
         points.append(StepStatistics(series, step, those[0].place.label, known, figures, promised))
     best = front([(point.time, point.average) for point in points])
     return tuple(replace(point, is_on_front=is_best) for point, is_best in zip(points, best, strict=True))
+
+
+def _figures(rows: Sequence[StudyRow], errors: Sequence[float]) -> dict[str, float | None]:
+    """Return statistics of known errors, mean costs of converged runs, and the number of others."""
+    converged = [row for row in rows if row.converged]
+    return {
+        "average": _average(errors),
+        "sd": statistics.stdev(errors) if len(errors) > 1 else None,
+        "minimum": min(errors, default=None),
+        "maximum": max(errors, default=None),
+        **{name: _average([c for row in converged if (c := row.costs[name]) is not None]) for name in rows[0].costs},
+        "failed": len(rows) - len(converged),
+    }
 
 
 def front(points: Sequence[tuple[float | None, float | None]]) -> list[bool]:
