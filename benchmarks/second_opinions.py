@@ -169,7 +169,7 @@ def opinion_of(path: Path, directory: Path) -> dict[str, Any]:
 
 def given_state(data: dict[str, Any]) -> dict[str, Any]:
     """Return a job with the given one of its states only."""
-    state = next((state for state in data.pop("states", ()) if state.get("given")), {})
+    state: dict[str, Any] = next((state for state in data.pop("states", ()) if state.get("given")), {})
     parts = {key: [*data.get(key, ()), *(state.get(key) or ())] for key in ("effects", "supports")}
     return data | {key: entries for key, entries in parts.items() if entries}
 

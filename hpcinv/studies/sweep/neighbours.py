@@ -39,7 +39,7 @@ class ParameterSpace:
     range. Numbers that do not vary are left out.
     """
 
-    def __init__(self, numbers: Sequence[Sequence[float]]) -> None:
+    def __init__(self, numbers: Sequence[Sequence[float]] | Floats) -> None:
         values = np.array(numbers, dtype=np.float64).reshape(len(numbers), -1)
         low, high = values.min(axis=0), values.max(axis=0)
         self._varies = np.asarray(~is_equal(low, high))
@@ -49,9 +49,9 @@ class ParameterSpace:
         ends = self._transformed(np.stack([low, high]))
         self._origin, self._range = ends.min(axis=0), np.ptp(ends, axis=0)
 
-    def point(self, numbers: Sequence[float]) -> Floats:
-        """Return the point of a case in the unit cube, (dimensions,)."""
-        varying = np.array(numbers, dtype=np.float64)[self._varies]
+    def point(self, numbers: Sequence[float] | Floats) -> Floats:
+        """Return the point of a case in the unit cube, (dimensions,), or of several, (n, dimensions)."""
+        varying = np.array(numbers, dtype=np.float64)[..., self._varies]
         scaled: Floats = (self._transformed(varying) - self._origin) / self._range
         return scaled
 

@@ -4,6 +4,7 @@ A line holds cases whose numbers lie on a straight line, such as those along one
 many of them (`hpcinv.studies.sweep.parameter_series`).
 """
 
+import bisect
 import itertools
 import time
 from collections import deque
@@ -13,13 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, Ints
 from hpcinv.output.run_directory import RunDirectory, as_yaml
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.claims import Claim
 from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.batch.task import BatchTask, Pause
-from hpcinv.studies.sweep.neighbours import ParameterSpace, is_equal
+from hpcinv.studies.sweep.case_lines import CaseLines
+from hpcinv.studies.sweep.nearest_case import NearestCase
+from hpcinv.studies.sweep.neighbours import ParameterSpace
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
 
 LEAST_AHEAD = 8
@@ -29,6 +32,7 @@ MOST_CLAIMED = 256
 LONGEST_BLOCK = 120.0
 """Seconds that the cases claimed at once may take together. Raised, groups wait longer for each other at the end."""
 _SHARES = 8  # a group claims at most this part of its share of the open cases: 1/8
+_NO_CASES: Ints = np.zeros(0, dtype=np.int64)
 _REFUSALS = 20  # failed claims after which all states are read again, since other groups work on these cases
 
 
@@ -59,11 +63,12 @@ class SweepTask(BatchTask):
 
 
 class _Members(NamedTuple):
-    """Cases of a reuse group: their places in the queue, their points, and their numbers, (cases, numbers)."""
+    """Cases of a reuse group: their places in the queue, which follow each other, their points, and lines of many."""
 
-    places: np.ndarray
+    places: slice
     points: Floats
-    numbers: Floats
+    nearest: NearestCase
+    lines: CaseLines
 
 
 class Queue:
@@ -83,14 +88,17 @@ class Queue:
         distinct = {key: place for place, key in enumerate(plan.cases.keys)}
         self._cases = plan.cases.chosen(sorted(distinct.values(), key=lambda place: (groups[place], place)))
         self._keys = [*self._cases.keys]
-        self._reuse_groups = np.array([*self._cases.reuse_groups])
-        self._members: dict[str, _Members] = {}  # of each reuse group
+        self._members: list[_Members] = []  # of each reuse group
         self._open = np.ones(len(self._cases), dtype=bool)
-        self._line = np.zeros(len(self._cases), dtype=bool)  # the cases of the present line
-        for group, cases in itertools.groupby(enumerate(self._cases.numbers), lambda case: self._reuse_groups[case[0]]):
-            places, numbers = zip(*cases, strict=True)
-            points = np.stack([*map(ParameterSpace(numbers).point, numbers)])
-            self._members[str(group)] = _Members(np.array(places), points, np.array(numbers).reshape(len(places), -1))
+        self._line = _NO_CASES  # the cases of the present line, in order
+        cases = zip(self._cases.reuse_groups, self._cases.numbers, strict=True)
+        for _, group in itertools.groupby(cases, lambda case: case[0]):
+            numbers = np.array([own for _, own in group], dtype=np.float64)
+            begin_of_group = self._members[-1].places.stop if self._members else 0
+            places = slice(begin_of_group, begin_of_group + len(numbers))
+            points = ParameterSpace(numbers).point(numbers)
+            self._members.append(_Members(places, points, NearestCase(points), CaseLines(numbers, LEAST_AHEAD)))
+        self._ends = [members.places.stop for members in self._members]
         self._block = deque[tuple[int, Claim]]()  # claimed cases, the next one first
         self._block_size, self._solved, self._seconds = 0, 0, 0.0
         self._deadline: float | None = None  # of a wait for cases that others hold
@@ -133,48 +141,36 @@ class Queue:
     def _ahead(self) -> Ahead | None:
         """Return the farthest open case on the line of the last one, which is the present line from now on."""
         self._choose_line()
-        left = np.flatnonzero(self._line & self._open)
+        left = self._line[self._open[self._line]]
         if len(left) < LEAST_AHEAD:
             return None
         members = self._last_members
-        places = np.searchsorted(members.places, left)
-        distances = np.linalg.norm(members.points[places] - self._last_point(), axis=1)
+        distances = np.linalg.norm(members.points[left - members.places.start] - self._last_point(), axis=1)
         case = self._cases[left[np.argmax(distances)]]
         return Ahead(self.plan.content(case), case.numbers, len(left))
 
     def _choose_line(self) -> None:
-        if not (self._line[self._last] and (self._line & self._open).any()):
+        """Keep the present line while the last case is on it and others are open, else take the best one."""
+        place = np.searchsorted(self._line, self._last)
+        is_on_it = place < len(self._line) and self._line[place] == self._last
+        if not (is_on_it and self._open[self._line].any()):
             self._line = self._best_line()
 
-    def _best_line(self) -> np.ndarray:
+    def _best_line(self) -> Ints:
         """Return the cases on that line through the last one on which most cases are open."""
-        line = np.zeros(len(self._cases), dtype=bool)
-        group = self._last_members
-        is_open = self._open[group.places]
-        if is_open.sum() < LEAST_AHEAD:
-            return line
-        members, numbers = group.places[is_open], group.numbers[is_open]
-        here = group.numbers[np.searchsorted(group.places, self._last)]
-        ways = np.where(is_equal(numbers, here), 0.0, numbers - here)
-        ways = ways[:, ways.any(axis=0)]
-        ways /= np.abs(ways).max(axis=0, initial=0.0)
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        # The largest component is positive, of two almost equal ones the first.
-        leading = (np.abs(ways) > 0.999 * np.abs(ways).max(axis=1, keepdims=True)).argmax(axis=1)
-        ways *= np.sign(np.take_along_axis(ways, leading[:, None], axis=1))
-        _, directions, counts = np.unique(np.round(ways, 9) + 0.0, axis=0, return_inverse=True, return_counts=True)
-        line[members[directions.reshape(-1) == counts.argmax()]] = True
-        line[self._last] = True
-        return line
+        members = self._last_members
+        lines = [members.places.start + line for line in members.lines.through(self._last - members.places.start)]
+        counts = [np.count_nonzero(self._open[line]) for line in lines]
+        return lines[int(np.argmax(counts))] if any(counts) else _NO_CASES
 
     def _last_point(self) -> Floats:
         members = self._last_members
-        point: Floats = members.points[np.searchsorted(members.places, self._last)]
+        point: Floats = members.points[self._last - members.places.start]
         return point
 
     @property
     def _last_members(self) -> _Members:
-        return self._members[str(self._reuse_groups[self._last])]
+        return self._members[bisect.bisect_right(self._ends, self._last)]
 
     def _claim(self) -> Claim | None:
         """Return the claim of a case, the last one from now on; ``None`` if no open case can be had."""
@@ -229,14 +225,19 @@ class Queue:
         """Return the nearest case on the present line, else of its reuse group, else the first of the largest group."""
         if eligible[self._last]:
             return self._last
-        members, points, _ = self._last_members
-        if (eligible & self._line).any():
-            eligible = eligible & self._line
-        if eligible[members].any():
-            distances = np.linalg.norm(points - self._last_point(), axis=1)
-            return int(members[np.argmin(np.where(eligible[members], distances, np.inf))])
-        names, counts = np.unique(self._reuse_groups[eligible], return_counts=True)
-        return int(np.flatnonzero(eligible & (self._reuse_groups == names[np.argmax(counts)]))[0])
+        members = self._last_members
+        first: int = members.places.start
+        on_line = self._line[eligible[self._line]]
+        if len(on_line):
+            distances = np.linalg.norm(members.points[on_line - first] - self._last_point(), axis=1)
+            return int(on_line[np.argmin(distances)])
+        nearest = members.nearest.among(eligible[members.places], self._last_point())
+        if nearest is not None:
+            return first + nearest
+        counts = np.add.reduceat(eligible, [members.places.start for members in self._members], dtype=np.int64)
+        largest = self._members[int(np.argmax(counts))].places
+        first = largest.start
+        return first + int(np.argmax(eligible[largest]))
 
     def _read_states(self) -> None:
         states = self.ledger.states(self._keys)
