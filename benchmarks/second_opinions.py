@@ -202,15 +202,8 @@ def print_table(rows: dict[str, dict[str, Any]]) -> None:
     for name, row in heard.items():
         share = [None if row[key] is None else row[key] / row["displacement"] for key in ("by_elements", "apart")]
         explained, apart = ["not known" if value is None else f"{value:.1e}" for value in share]
-<<<<<<< HEAD
-        print(
-            f"| {name} | {row['law']} | {row['solved']} | {row['element']} | {row['verdict']} | {row['largest'] * 1e3:.2g} ",
-            end="",
-        )
-=======
         kind = " | ".join(row[key] for key in ("law", "solved", "element", "verdict"))
         print(f"| {name} | {kind} | {row['largest'] * 1e3:.2g} ", end="")
->>>>>>> e24aa0f1 (Give parts of six long functions names of their own)
         print(f"| {row['largest'] / row['displacement']:.1e} | {explained} | {apart} |")
     print(f"\n{len(heard)} opinions: {dict(collections.Counter(row['verdict'] for row in heard.values()))}\n")
     for reason, count in collections.Counter(row["reason"] for row in rows.values() if "reason" in row).most_common():
