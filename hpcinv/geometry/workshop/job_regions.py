@@ -21,7 +21,7 @@ def with_job_regions(shape: MeshSource, given: MeshSource, job: Job) -> MeshSour
 
     Args:
         shape: a shape of the run, with the cells of the given body.
-        given: the given body, on which conditions are meant.
+        given: the given body. Conditions are evaluated on it.
 
     Raises:
         MeshError: as `build_body`.

@@ -85,12 +85,12 @@ def boundary_of(
 
 
 def of_states(solutions: Sequence[Solution]) -> list[Solution]:
-    """Return the first solution, and those of further states: not the second one of a round trip."""
+    """Return the first solution and one of each further state, without the second one of a round trip."""
     return [*solutions[:1], *(solution for solution in solutions[1:] if solution.state)]
 
 
 def _columns(values: Floats, widths: Mapping[str, int]) -> dict[str, Floats]:
-    """Return the columns of each name, of which there are so many."""
+    """Return the columns of each name; ``widths`` are their numbers."""
     ends = np.cumsum([*widths.values()], dtype=np.int64)
     return {name: values[:, end - width : end] for (name, width), end in zip(widths.items(), ends, strict=True)}
 

@@ -13,7 +13,7 @@ import numpy as np
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.studies.sweep.neighbours import is_equal
 
-_DIGITS = 9  # of unit vectors and places, by which directions and lines are told apart
+_DIGITS = 9  # of unit vectors and places: directions and lines that agree to them are the same
 _FIRST = 8  # cases whose directions to all others are looked at. Raised, irregular plans have lines more often
 _MOST = 12  # directions that are kept, those with the longest lines. Raised, planning takes longer
 

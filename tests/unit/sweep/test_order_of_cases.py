@@ -38,7 +38,7 @@ def grid(*axes: list[float]) -> np.ndarray:
     ],
     ids=["two axes", "three axes, one of them short", "axes that run together"],
 )
-def test_lines_of_a_plan_are_those_that_a_search_among_all_pairs_finds(numbers: np.ndarray) -> None:
+def test_lines_of_a_plan_agree_with_a_search_among_all_pairs(numbers: np.ndarray) -> None:
     lines = CaseLines(numbers, LEAST)
     for case in range(len(numbers)):
         found = {frozenset(line.tolist()) for line in lines.through(case)}
