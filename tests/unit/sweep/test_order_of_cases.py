@@ -60,7 +60,7 @@ def test_drawn_and_few_and_equal_cases_have_no_lines(shape: tuple[int, int]) -> 
 
 @pytest.mark.parametrize("dimensions", [0, 1, 3])
 def test_the_nearest_case_is_found_until_none_is_left(dimensions: int) -> None:
-    """Cases leave one by one; some come back, as those of a process that has died."""
+    """Cases leave one by one; some come back, as the ones of a process that has died."""
     random = np.random.default_rng(8)
     points = random.uniform(size=(400, dimensions))
     search, eligible, point = NearestCase(points), np.ones(400, dtype=bool), points[7]
