@@ -36,6 +36,7 @@ def add_export(commands: Any) -> None:
             "hpcinv export results/pdms-beam --to beam.3mf --scale 1.02 --tolerance '0.02 mm'\n"
             "hpcinv export results/pdms-beam --to beam.ply --mould mould.stl --wall '8 mm' --split z\n"
             "hpcinv export results/pdms-beam --to beam.inp\n"
+            "hpcinv export results/liver --to rest.seg.nrrd\n"
             "hpcinv export results/pdms-beam --deck beam.inp --for abaqus --unit mm"
         ),
         page="how-to/export.md",
@@ -46,8 +47,8 @@ def add_export(commands: Any) -> None:
         "--to",
         type=Path,
         metavar="FILE",
-        help="surface (.stl, .ply, .3mf, .step), mesh of solid cells (.vtu, .inp, .pts, …), OpenUSD (.usda), or a "
-        "state of ParaView with both bodies (.py)",
+        help="surface (.stl, .ply, .3mf, .step), mesh of solid cells (.vtu, .inp, .pts, …), OpenUSD (.usda), "
+        "state of ParaView with both bodies (.py), or label map of a job on an image (.nrrd, .nii.gz)",
     )
     what.add_argument(
         "--deck",

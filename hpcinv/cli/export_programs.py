@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 def program_of(path: Path) -> Callable[[argparse.Namespace, float], int] | None:
     """Return what writes a file of this name, of the options and the unit (m); ``None`` if it is of another kind."""
-    return _PROGRAMS.get(suffix_of(path))
+    suffix = suffix_of(path.stem) if suffix_of(path) == ".gz" else suffix_of(path)
+    return _PROGRAMS.get(suffix)
 
 
 def _export_opencarp(options: argparse.Namespace, unit: float) -> int:
@@ -72,6 +73,41 @@ def _export_paraview(options: argparse.Namespace, unit: float) -> int:
     return 0
 
 
+def _export_labels(options: argparse.Namespace, unit: float) -> int:
+    """Write the label map of a shape on the grid of the job's image."""
+    from hpcinv.geometry.imaging.image_files import read_voxels
+    from hpcinv.geometry.imaging.label_image import numbered
+    from hpcinv.geometry.imaging.shape_labels import WRITTEN, shape_labels, write_labels
+    from hpcinv.geometry.workshop.run_shapes import read_shape
+    from hpcinv.geometry.workshop.solid import volume_of
+    from hpcinv.output.run_directory import RunDirectory
+
+    refuse_options_of_surfaces(options)
+    if not options.to.name.lower().endswith(WRITTEN):
+        raise OutputError(f"{options.to}: label maps are written with the endings {', '.join(WRITTEN)}")
+    source = read_shape(options.run, options.shape)
+    job = RunDirectory(options.run).job(None)
+    if not job.mesh.is_image:
+        text = f"{options.run}: its job has no image (mesh.image), whose grid a label map could have"
+        raise OutputError(text, "Export .stl, which 3D Slicer makes a segmentation of.")
+    if options.scale != 1.0 or options.region is not None:
+        raise OutputError(f"--scale, --region: {options.to} has the whole body in its size")
+    path = job.resolve(job.mesh.file)
+    image = read_voxels(path)
+    numbers = {name: members[0] for name, members in numbered(path, job.mesh.labels, image.names).items()}
+    done = shape_labels(source, image, numbers, job.mesh.metres, job.mesh.orientation)
+    write_labels(options.to, done.grid)
+    size = " x ".join(map(str, done.grid.numbers.shape))
+    larger = f", larger than {path.name} by {done.added.sum(axis=0).tolist()}" if done.added.any() else ""
+    print(f"{options.to}: {size} voxels in the frame of {path.name}{larger}")
+    for name, number in numbers.items():
+        print(f"{name}: {number}, {readable(done.volumes[name], 'm^3')}")
+    body, total = volume_of(source, None), sum(done.volumes.values())
+    print(f"volume {readable(total, 'm^3')}; of the body {readable(body, 'm^3')}, ratio {total / body:.4f}")
+    warn_of_nodes(options, source)
+    return 0
+
+
 def refuse_options_of_surfaces(options: argparse.Namespace) -> None:
     for name in ("tolerance", "mould"):
         if getattr(options, name) is not None:
@@ -92,6 +128,7 @@ def warn_of_nodes(options: argparse.Namespace, source: MeshSource) -> None:
 
 
 _PROGRAMS: dict[str, Callable[[argparse.Namespace, float], int]] = {
+    **dict.fromkeys((".nrrd", ".nii", ".mha"), _export_labels),
     ".pts": _export_opencarp,
     ".py": _export_paraview,
     ".usda": _export_usd,

@@ -62,6 +62,7 @@ OWN = {
     "base/files/muted.py: os.devnull": "nothing",
     "base/mesh_formats/partitioned_header.py: path": "just written, or admitted with its directory",
     "mesh/io/gmsh_model.py: path": "just written",
+    "geometry/imaging/shape_labels.py: scrap": "just written",
     "mesh/readers.py: scrap.name": "just written",
     "output/checkpoint.py: file": "checkpoints: 'resume --untrusted' reads none",
     "output/checkpoint.py: path / 'state.json'": "as above",

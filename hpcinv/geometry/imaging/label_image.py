@@ -89,7 +89,7 @@ def read_labels(
         if not given:
             text = f"{path}: the region '{name}' has no label; the labels in the image are {described(grid, unit)}"
             raise MeshError(text, "Name the numbers of its voxels.")
-    labels, surrounding = _numbered(path, labels, grid.names), _numbered(path, surrounding, grid.names)
+    labels, surrounding = numbered(path, labels, grid.names), numbered(path, surrounding, grid.names)
     voxels = np.zeros(numbers.shape, dtype=np.int16)
     for name, number in ((name, number) for name, members in {**labels, **surrounding}.items() for number in members):
         if number not in grid.labels:
@@ -142,7 +142,7 @@ def described(grid: VoxelGrid, unit: float) -> str:
     return ", ".join(texts) + more or "none but 0"
 
 
-def _numbered(
+def numbered(
     path: Path, labels: Mapping[str, Sequence[int | str]], names: Mapping[str, int]
 ) -> dict[str, Sequence[int]]:
     """The labels with numbers instead of names of segments."""
