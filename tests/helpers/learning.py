@@ -1,14 +1,42 @@
-"""Products of the derivatives of jobs as functions, next to central differences."""
+"""Jobs as functions, and products of their derivatives next to central differences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import hpcinv
+from helpers.moved_meshes import write_block
+from helpers.verification import job
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.studies.learning.differentiable_job import DifferentiableJob
+
+PACKAGES = {"torch": "torch==2.15.0", "jax": "jax==0.12.0.1"}
+LOAD = "effects[0].pressure"
+MODULI = "material.mu"
+
+
+def posed(comm: MPI.Intracomm, directory: Path, moduli: np.ndarray | None = None) -> hpcinv.Job:
+    """A block under pressure with a modulus (kPa) for each cell, by default 20."""
+    file = directory / "block.vtu"
+    _, middles = write_block(comm, file)
+    values = np.full(len(middles), 20.0) if moduli is None else moduli
+    write_block(comm, file, arrays={"mu": values})
+    return job(
+        analysis="inverse",
+        mesh={"file": str(file)},
+        material={"law": "neo-hookean", "mu": {"data": "mu", "unit": "kPa"}, "lam": "30 kPa"},
+        effects=[{"effect": "pressure", "region": "x1", "pressure": 900}],
+        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
+        discretisation={"displacement": 1, "formulation": "displacement"},
+        solver={"tolerance": 1e-13},
+        quantities=[{"name": "tip", "of": "displacement", "at": [2, 1, 1]}],
+        sensitivities=[LOAD],
+    )
 
 
 def check_products(

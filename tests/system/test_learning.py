@@ -3,45 +3,19 @@
 from __future__ import annotations
 
 import importlib
-import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.command_line import ROOT, environment
-from helpers.learning import check_products
-from helpers.moved_meshes import write_block
-from helpers.verification import job
+from helpers.command_line import ROOT
+from helpers.learning import LOAD, MODULI, PACKAGES, check_products, posed
+from helpers.other_packages import run_with
 
 import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import HpcinvError, JobError
 from hpcinv.studies.learning.differentiable_job import DifferentiableJob
-
-LOAD = "effects[0].pressure"
-MODULI = "material.mu"
-
-
-def posed(comm: MPI.Intracomm, directory: Path, moduli: np.ndarray | None = None) -> hpcinv.Job:
-    """A block under pressure with a modulus (kPa) for each cell, by default 20."""
-    file = directory / "block.vtu"
-    _, middles = write_block(comm, file)
-    values = np.full(len(middles), 20.0) if moduli is None else moduli
-    write_block(comm, file, arrays={"mu": values})
-    return job(
-        analysis="inverse",
-        mesh={"file": str(file)},
-        material={"law": "neo-hookean", "mu": {"data": "mu", "unit": "kPa"}, "lam": "30 kPa"},
-        effects=[{"effect": "pressure", "region": "x1", "pressure": 900}],
-        supports=[{"region": "x0", "fix": ["x", "y", "z"]}],
-        discretisation={"displacement": 1, "formulation": "displacement"},
-        solver={"tolerance": 1e-13},
-        quantities=[{"name": "tip", "of": "displacement", "at": [2, 1, 1]}],
-        sensitivities=[LOAD],
-    )
 
 
 @pytest.mark.parallel([1, 2])
@@ -84,23 +58,31 @@ def test_wrong_inputs_are_one_message(comm: MPI.Intracomm, run_directory: Path) 
             model.along(model.start, [1.0])
 
 
-@pytest.mark.parametrize(("package", "title"), [("torch", "PyTorch"), ("jax", "JAX")])
+@pytest.mark.parametrize(
+    ("package", "title", "remedy"),
+    [
+        ("torch", "PyTorch", "torch"),
+        ("jax", "JAX", "jax"),
+        ("tesseract_core", "Tesseract", r"'tesseract-core\[runtime\]'"),
+    ],
+)
 def test_a_package_that_is_not_installed_is_one_message(
-    package: str, title: str, monkeypatch: pytest.MonkeyPatch
+    package: str, title: str, remedy: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    module = f"hpcinv.{package.removesuffix('_core')}"
     monkeypatch.setitem(sys.modules, package, None)
-    monkeypatch.delitem(sys.modules, f"hpcinv.{package}", raising=False)
-    expected = rf"^hpcinv\.{package} needs {title}, which is not installed\. Install it by: pip install {package}$"
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    expected = rf"^{module} needs {title}, which is not installed\. Install it by: pip install {remedy}$"
     with pytest.raises(ModuleNotFoundError, match=expected):
-        importlib.import_module(f"hpcinv.{package}")
+        importlib.import_module(module)
 
 
 HEAD = """
 import sys
 import hpcinv.base.parallel.runtime as runtime
-sys.path += [{tests!r}, {tests!r} + "/system"]
+sys.path += [{tests!r}]
 from pathlib import Path
-from test_learning import posed
+from helpers.learning import posed
 block = posed(runtime.MPI.COMM_WORLD, Path({directory!r}))
 """
 PROGRAMS = {
@@ -150,7 +132,6 @@ for by, ends in (
     assert abs(by - slope) < 1e-5 * abs(slope), (by, slope)
 """,
 }
-PACKAGES = {"torch": "torch==2.15.0", "jax": "jax==0.12.0.1"}
 
 
 @pytest.mark.release
@@ -160,11 +141,4 @@ def test_gradients_in_other_packages(package: str, tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     head = HEAD.format(tests=str(ROOT / "tests"), directory=str(tmp_path))
     program.write_text(head + PROGRAMS[package])
-    uv = os.environ.get("UV") or shutil.which("uv")
-    if not uv:
-        pytest.skip("needs uv")
-    command = [uv, "run", "--no-sync", "--with", PACKAGES[package], "python", str(program)]
-    # The environment of uv lies over this one, whose libraries of MPI are found by their place.
-    settings = environment() | {"LD_LIBRARY_PATH": str(Path(sys.prefix) / "lib")}
-    ended = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, timeout=3000, check=False)
-    assert ended.returncode == 0, ended.stderr[-3000:]
+    run_with([PACKAGES[package]], "python", str(program))

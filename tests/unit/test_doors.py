@@ -31,6 +31,7 @@ LIBRARIES = {
     *("SimpleITK", "adios2", "adios4dolfinx", "gmsh", "h5py", "openpyxl", "pydicom", "pyvista", "vtk", "vtkmodules"),
     *("basix", "cffi", "dolfinx", "emcee", "ffcx", "jax", "jinja2", "lib3mf", "manifold3d", "markupsafe", "matplotlib"),
     *("mpi4py", "numpy", "petsc4py", "pxr", "pydantic", "pydantic_core", "rich", "scipy", "torch", "ufl", "yaml"),
+    "tesseract_core",
 }
 """packages in use: the readers of the first line and of NumPy are among `READERS`, the others open no file of a user"""
 OTHER_READERS = {

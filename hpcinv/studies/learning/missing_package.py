@@ -21,7 +21,7 @@ def needing(package: str, title: str, installed_as: str = "", user: str = "") ->
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name != package:
+        if (error.name or "").partition(".")[0] != package:
             raise
         text = f"{user or f'hpcinv.{package}'} needs {title}, which is not installed. Install it by: pip install"
         raise ModuleNotFoundError(f"{text} {installed_as or package}", name=package) from None
