@@ -11,7 +11,7 @@ from hpcinv.cli.help import add_command
 from hpcinv.cli.options import add_ranks, port
 
 if TYPE_CHECKING:
-    from hpcinv.studies.serving.job_model import JobModel, Linearisation
+    from hpcinv.studies.serving.question import Table
 
 
 def add_serve(commands: Any) -> None:
@@ -25,6 +25,14 @@ def add_serve(commands: Any) -> None:
     serve.add_argument("job", type=Path, help="job file (YAML) with sections 'sensitivities' and 'quantities'")
     serve.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
     serve.add_argument("--port", type=port, default=4242, help="port to listen on (default: 4242; 0: any free one)")
+    serve.add_argument(
+        "--arrays",
+        nargs="+",
+        default=[],
+        metavar="KEY",
+        help="further lists of inputs: quantities from data arrays of the mesh, such as material.mu, or mesh.nodes",
+    )
+    serve.add_argument("--shape", action="store_true", help="a further list of outputs: the computed nodes, in m")
     add_ranks(serve)
     add_option(serve)
     serve.set_defaults(command=_serve)
@@ -39,33 +47,38 @@ def _serve(options: argparse.Namespace) -> int:
         from hpcinv.studies.serving.http_server import is_loopback, new_token
         from hpcinv.studies.serving.service import serve
 
-        def ready(address: str, model: JobModel, first: Linearisation) -> None:
-            print(describe(address, model, first), flush=True)
+        def ready(address: str, inputs: Table, outputs: Table) -> None:
+            print(describe(job.job, address, inputs, outputs), flush=True)
 
         job = on_root(comm, lambda: load(options.job))
         token = "" if is_loopback(options.host) else new_token()
-        solves = serve(job, comm, host=options.host, port=options.port, token=token, stop=stop, ready=ready)
+        solves = serve(
+            job,
+            comm,
+            host=options.host,
+            port=options.port,
+            token=token,
+            stop=stop,
+            ready=ready,
+            arrays=options.arrays,
+            with_shape=options.shape,
+        )
         if comm.rank == 0:
             print(f"stopped after {solves} requests", flush=True)
     return 0
 
 
-def describe(address: str, model: JobModel, first: Linearisation) -> str:
+def describe(name: str, address: str, inputs: Table, outputs: Table) -> str:
     """Return the address, and tables of inputs and outputs with units and the values of the job."""
-    inputs = [
-        (p.key, p.dimension.unit if p.dimension is not None else "", f"{value:.6g}")
-        for p, value in zip(model.parameters, model.start, strict=True)
-    ]
-    outputs = [
-        (name, unit, f"{value:.6g}")
-        for name, unit, value in zip(first.outputs, first.units, first.values.tolist(), strict=True)
-    ]
-    lines = [f"model '{model.job.job}' at {address}"]
-    for title, rows in (("inputs", inputs), ("outputs", outputs)):
-        widths = [max(len(row[i]) for row in rows) for i in range(3)]
-        lines.append(f"{title} (index, name, SI unit, value in the job):")
-        lines += [
-            f"  {index}  {name:{widths[0]}}  {unit:{widths[1]}}  {value:>{widths[2]}}"
-            for index, (name, unit, value) in enumerate(rows)
-        ]
+    lines = [f"model '{name}' at {address}"]
+    for title, table in (("input", inputs), ("output", outputs)):
+        if rows := table.rows:
+            widths = [max(len(row[i]) for row in rows) for i in range(3)]
+            lines.append(f"{title}s (index, name, SI unit, value in the job):")
+            lines += [
+                f"  {index}  {row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]:>{widths[2]}}"
+                for index, row in enumerate(rows)
+            ]
+        first = len(table.sizes) - len(table.arrays)
+        lines += [f"{title} list {first + i}: {text}" for i, text in enumerate(table.arrays)]
     return "\n".join([*lines, "stop with Ctrl-C"])

@@ -13,9 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import umbridge
 from helpers.command_line import BLOCK, COLUMN, NO_CERTIFICATE, Started, hpcinv_here, write_job
+from helpers.moved_meshes import write_block
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.job.job import load
+from hpcinv.mesh import read_source
 
 DENSITY = 1000.0
 JOB: Mapping[str, Any] = COLUMN | {
@@ -111,6 +117,55 @@ def test_invalid_requests_and_missing_tokens_are_refused(tmp_path: Path) -> None
         for body in (b"[1", b"[]", b"[" * 100_000, b"\xff", b" " * 1_000_001):
             assert post(f"{address}/Evaluate", body)[0] == 400
         assert post(f"{address}/Evaluate", good)[1]["output"][0][0] == pytest.approx(1.0802799, abs=5e-6)
+
+
+def test_arrays_and_the_shape_are_lists(tmp_path: Path) -> None:
+    """The moduli of cells and the nodes as inputs, the shape as an output: derivatives are central differences."""
+    posed = tmp_path / "column.yaml"
+    write_block(MPI.COMM_SELF, tmp_path / "block.vtu", arrays={"mu": np.full(72, 20.0)})
+    data = {
+        "mesh": {"file": "block.vtu"},
+        "material": {"law": "neo-hookean", "mu": {"data": "mu", "unit": "kPa"}, "lam": "30 kPa"},
+        "effects": [{"effect": "pressure", "region": "x1", "pressure": 900}],
+        "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
+        "discretisation": {"displacement": 1, "formulation": "displacement"},
+        "solver": {"tolerance": 1e-13},
+        "quantities": [{"name": "tip", "of": "displacement", "at": [2, 1, 1]}],
+        "sensitivities": ["effects[0].pressure"],
+    }
+    with served(tmp_path, 2, "--shape", "--arrays", "material.mu", "mesh.nodes", data=data) as (server, address):
+        assert "input list 1: material.mu, 72 numbers\ninput list 2: mesh.nodes, 36 × 3 numbers\n" in server.text
+        assert "output list 1: shape, 36 × 3 numbers\nstop with" in server.text
+        model = umbridge.HTTPModel(address, "column")
+        assert (model.get_input_sizes(), model.get_output_sizes()) == ([1, 72, 108], [3, 108])
+        points = read_source(load(posed).mesh, tmp_path / "block.vtu").points
+        random = np.random.default_rng(2)
+        given = [[700.0], random.uniform(15, 30, 72).tolist(), points.ravel().tolist()]
+        rates = [[20.0], random.normal(size=72).tolist(), (0.05 * random.normal(size=108)).tolist()]
+        weights = random.normal(size=108).tolist()
+        for place, step in enumerate((1e-2, 1e-2, 1e-4)):
+            ends = []
+            for sign in (1, -1):
+                moved = np.add(given[place], sign * step * np.array(rates[place])).tolist()
+                ends.append(model([*given[:place], moved, *given[place + 1 :]])[1])
+            difference = float(np.subtract(*ends) @ weights) / (2 * step)
+            gradient = model.gradient(1, place, given, weights)
+            assert float(np.dot(gradient, rates[place])) == pytest.approx(difference, rel=1e-5)
+            change = model.apply_jacobian(1, place, given, rates[place])
+            assert float(np.dot(change, weights)) == pytest.approx(difference, rel=1e-5)
+        for change, message in (
+            ({"input": given[:2]}, "'input' must be 3 lists of 1, 72, 108 numbers"),
+            ({"input": [given[0], given[0], given[2]]}, "'input' must have 72 numbers"),
+            ({"outWrt": 2}, "'outWrt' must be the number of a list, from 0 to 1"),
+            ({"inWrt": True}, "'inWrt' must be the number of a list, from 0 to 2"),
+            ({"sens": weights[:3]}, "'sens' must have 108 numbers"),
+            ({"config": {"certificate": "quick"}}, "a model of arrays has no certificate"),
+            ({"input": [*given[:2], [0.0] * 108]}, "cells have no volume"),
+        ):
+            asked = {"name": "column", "input": given, "outWrt": 1, "inWrt": 0, "sens": weights}
+            answer = post(f"{address}/Gradient", asked | change)[1]
+            assert message in answer["error"]["message"]
+        assert len(model(given)[1]) == 108
 
 
 @pytest.mark.parametrize(("section", "meaning"), [("sensitivities", "inputs"), ("quantities", "outputs")])

@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 from helpers.command_line import CUBE
 
@@ -17,7 +16,7 @@ from hpcinv.base.parallel.ranks import MPI
 from hpcinv.job.job import load
 from hpcinv.studies.serving import http_server, service, um_bridge
 from hpcinv.studies.serving.http_server import HttpServer, Reply
-from hpcinv.studies.serving.job_model import Linearisation
+from hpcinv.studies.serving.question import Question, Table
 
 GOOD: dict[str, object] = {"name": "block", "input": [[1.0, 2.0]]}
 
@@ -48,7 +47,7 @@ def server() -> Iterator[HttpServer]:
 
 @pytest.fixture
 def model() -> Iterator[um_bridge.Server]:
-    model = um_bridge.Server("block", 2, 1, "127.0.0.1", 0, "")
+    model = um_bridge.Server("block", [2], [1], "127.0.0.1", 0, "")
     yield model
     model.close()
 
@@ -108,7 +107,7 @@ def test_clients_that_left_are_not_solved_for(model: um_bridge.Server) -> None:
 
 
 def test_all_who_wait_get_an_answer_at_the_end() -> None:
-    model = um_bridge.Server("block", 2, 1, "127.0.0.1", 0, "")
+    model = um_bridge.Server("block", [2], [1], "127.0.0.1", 0, "")
     with ThreadPoolExecutor(4) as pool:
         waiting = [pool.submit(ask, model, GOOD) for _ in range(4)]
         while model._requests.qsize() < 4:
@@ -121,7 +120,7 @@ def test_all_who_wait_get_an_answer_at_the_end() -> None:
 
 def test_more_requests_than_can_wait_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(um_bridge, "_MOST_WAITING", 1)
-    model = um_bridge.Server("block", 2, 1, "127.0.0.1", 0, "")
+    model = um_bridge.Server("block", [2], [1], "127.0.0.1", 0, "")
     with ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(ask, model, GOOD)
         while model._requests.qsize() < 1:
@@ -153,7 +152,7 @@ def test_whole_numbers_above_64_bits_are_numbers(model: um_bridge.Server) -> Non
         waiting = pool.submit(ask, model, {"name": "block", "input": [[2**64, -(2**70)]]})
         request = model.next(lambda: False)
         assert request is not None
-        assert request.inputs == [2.0**64, -(2.0**70)]
+        assert request.question.inputs[0] == [2.0**64, -(2.0**70)]
         request.answers.put({"output": [[0.0]]})
         assert waiting.result()[0] == 200
 
@@ -161,17 +160,19 @@ def test_whole_numbers_above_64_bits_are_numbers(model: um_bridge.Server) -> Non
 class FaultyModel:
     """A model that raises an error of a library at 13."""
 
-    parameters = ("a", "b")
-    start = (1.0, 2.0)
     made = 0
 
     def __init__(self, *_: object) -> None:
         FaultyModel.made += 1
 
-    def evaluate(self, inputs: list[float], _level: str = "off") -> Linearisation:
+    def begin(self) -> tuple[Table, Table]:
+        return Table((2,)), Table((1,))
+
+    def answer(self, question: Question) -> list[list[float]]:
+        (inputs,) = question.inputs
         if inputs[0] == 13:
             raise FloatingPointError("of a library")
-        return Linearisation(("sum",), ("",), np.array([sum(inputs)]), np.ones((1, 2)))
+        return [[sum(inputs)]]
 
 
 def test_an_error_of_a_library_does_not_end_the_server(

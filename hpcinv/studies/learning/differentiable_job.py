@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any, Self
@@ -37,6 +37,7 @@ class DifferentiableJob:
         inputs: keys: of numbers under ``sensitivities``, or of quantities that the job takes from a data array, such as
             ``material.mu``; or ``mesh.nodes``, (n, 3) in m in the order of the mesh, of a shell of its surface.
         outputs: ``shape``, and names of quantities.
+        stop: whether this process was asked to stop, which ends a solve.
 
     Attributes:
         job: without certificate.
@@ -54,11 +55,12 @@ class DifferentiableJob:
         inputs: Sequence[str],
         outputs: Sequence[str] = (SHAPE,),
         comm: MPI.Intracomm = MPI.COMM_WORLD,
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
         if not isinstance(job, Job):
             given = job
             job = on_root(comm, lambda: load(given))
-        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+        self.inputs, self.outputs, self._stop = tuple(inputs), tuple(outputs), stop
         self.job: Job = job.with_({"certificate": "off", "identify": None})
         self._numbers = {p.key: p for p in self.job.differentiated if p.key in self.inputs}
         self._arrays = {key: array for key, array in _arrays_of(self.job).items() if key in self.inputs}
@@ -198,7 +200,7 @@ class DifferentiableJob:
             job = self._nodes.put(job, given[NODES])
         for name, array in self._arrays.items():
             self._workspace.put_array(array, given[name])
-        result = run(job, self._workspace.comm, workspace=self._workspace, guesses=self._guesses)
+        result = run(job, self._workspace.comm, workspace=self._workspace, guesses=self._guesses, stop_asked=self._stop)
         self._guesses = tuple(solution.as_guess() for solution in result.solutions)
         self._last = key, result
         return result

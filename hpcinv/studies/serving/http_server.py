@@ -17,7 +17,7 @@ from typing import Any
 from hpcinv.errors import OutputError
 
 LONGEST = 1_000_000
-"""bytes of a request; longer ones are refused"""
+"""bytes of a request, unless a server allows more; longer ones are refused"""
 _DISCARDED = 20 * LONGEST  # bytes of a longer request that are read before it is refused; more take longer
 _MOST_READ = 100
 """connections whose request has not arrived; then the oldest is closed. Raised, half-sent requests take more memory"""
@@ -64,13 +64,16 @@ class HttpServer:
 
     Args:
         host, port: address to listen on; port 0 takes a free one.
+        longest: bytes of a request.
 
     Raises:
         OutputError: the address cannot be used.
     """
 
-    def __init__(self, host: str, port: int, respond: Respond) -> None:
+    def __init__(self, host: str, port: int, respond: Respond, longest: int = LONGEST) -> None:
         class Handler(_Handler):
+            most_bytes = longest
+
             def reply(self, method: str, body: bytes | None, is_there: Callable[[], bool]) -> Reply:
                 if fault := _fault_of(self.headers, is_local=is_loopback(host)):
                     return Reply(403, fault.encode(), "text/plain")
@@ -166,6 +169,7 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = _SILENCE
+    most_bytes = LONGEST
     server: _Server
 
     def reply(self, method: str, body: bytes | None, is_there: Callable[[], bool]) -> Reply:
@@ -197,7 +201,7 @@ class _Handler(BaseHTTPRequestHandler):
             length = int(self.headers.get("Content-Length") or 0)
         except ValueError:
             length = -1
-        if 0 <= length <= LONGEST:
+        if 0 <= length <= self.most_bytes:
             return self.rfile.read(length)
         self.close_connection = True
         for _ in range(0, min(length, _DISCARDED), LONGEST):  # else the client sees a reset, no answer

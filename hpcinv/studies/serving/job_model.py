@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.output.result import Quantities, Result
 from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
+from hpcinv.studies.serving.question import Question, Refusal, Table
 from hpcinv.trust.certificate import Verdict
 
 
@@ -87,6 +89,44 @@ class JobModel:
         evaluation = _linearised(result)
         self._last = key, evaluation
         return evaluation
+
+    def begin(self) -> tuple[Table, Table]:
+        """Solve the job at its own values, and describe inputs and outputs."""
+        first = self.evaluate(self.start)
+        inputs = [
+            (p.key, p.dimension.unit if p.dimension is not None else "", f"{value:.6g}")
+            for p, value in zip(self.parameters, self.start, strict=True)
+        ]
+        values = [f"{value:.6g}" for value in first.values.tolist()]
+        outputs = zip(first.outputs, first.units, values, strict=True)
+        return Table((len(inputs),), tuple(inputs)), Table((len(values),), tuple(outputs))
+
+    def answer(self, question: Question) -> list[Any]:
+        """Return the answer of the protocol.
+
+        Raises:
+            Refusal: outputs have no value or no derivative.
+            JobError, MeshError, SolveError, Interrupted: as `evaluate`.
+        """
+        evaluation = self.evaluate(question.inputs[0], question.level)
+        values, jacobian = evaluation.values, evaluation.jacobian
+        if question.kind == "Evaluate":
+            _require(np.isfinite(values), evaluation.outputs, "has no finite value")
+            return [values.tolist()]
+        is_known = np.isfinite(jacobian).all(axis=1)
+        if question.kind == "Gradient":
+            weights = np.array(question.vector)
+            _require(is_known | (weights == 0), evaluation.outputs, "has no derivative; give it the weight 0")
+            gradient: list[Any] = (weights[weights != 0] @ jacobian[weights != 0]).tolist()
+            return gradient
+        _require(is_known, evaluation.outputs, "has no derivative; remove it from the job")
+        change: list[Any] = (jacobian @ np.array(question.vector)).tolist()
+        return change
+
+
+def _require(is_right: Any, outputs: Sequence[str], fault: str) -> None:
+    if not is_right.all():
+        raise Refusal("UnsupportedFeature", f"output '{outputs[int(np.argmin(is_right))]}' {fault}")
 
 
 def _linearised(result: Result) -> Linearisation:

@@ -1,15 +1,17 @@
 """The loop of a served job: rank 0 takes a request, all ranks solve, rank 0 answers."""
 
 import traceback
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from typing import Any
 
 from hpcinv.base.parallel.ranks import MPI, on_root
 from hpcinv.errors import HpcinvError, Interrupted, JobError, described
 from hpcinv.job.job import Job
 from hpcinv.solver.workspace import Workspace
-from hpcinv.studies.serving.job_model import JobModel, Linearisation
+from hpcinv.studies.serving.array_model import ArrayModel
+from hpcinv.studies.serving.job_model import JobModel
+from hpcinv.studies.serving.question import Question, Refusal, Table
 from hpcinv.studies.serving.um_bridge import Request, Server, error
 
 
@@ -21,7 +23,9 @@ def serve(
     port: int,
     token: str,
     stop: Callable[[], bool],
-    ready: Callable[[str, JobModel, Linearisation], None],
+    ready: Callable[[str, Table, Table], None],
+    arrays: Sequence[str] = (),
+    with_shape: bool = False,
 ) -> int:
     """Answer requests until the process is asked to stop; return the number of solves. Collective.
 
@@ -29,7 +33,8 @@ def serve(
         host, port: address to listen on; port 0 takes a free one.
         token: first part of the path of each request; empty for none.
         stop: whether this process was asked to stop.
-        ready: called on rank 0 with the address, the model, and its evaluation at the values of the job.
+        ready: called on rank 0 with the address, and with inputs and outputs at the values of the job.
+        arrays, with_shape: further inputs and an output, as of `ArrayModel`.
 
     Raises:
         JobError, MeshError, SolveError: the job cannot be served, or has no solution at its own values.
@@ -40,23 +45,25 @@ def serve(
     solves = 0
     with ExitStack() as own:
 
-        def new_model() -> JobModel:
+        def new_model() -> JobModel | ArrayModel:
             own.close()
+            if arrays or with_shape:
+                return own.enter_context(closing(ArrayModel(job, comm, arrays, with_shape, stop)))
             return JobModel(job, own.enter_context(Workspace(comm)), stop)
 
         model = new_model()
-        first = model.evaluate(model.start)
+        inputs, outputs = model.begin()
 
         def listen() -> None:
             nonlocal server
-            server = Server(job.job, len(model.parameters), len(first.outputs), host, port, token)
-            ready(server.address, model, first)
+            server = Server(job.job, inputs.sizes, outputs.sizes, host, port, token)
+            ready(server.address, inputs, outputs)
 
-        def next_request() -> tuple[list[float], str] | None:
+        def next_request() -> Question | None:
             nonlocal request
             assert server is not None
             request = server.next(stop)
-            return None if request is None else (request.inputs, request.level)
+            return None if request is None else request.question
 
         def reply(answer: dict[str, Any]) -> None:
             if request is not None:
@@ -66,10 +73,10 @@ def serve(
         try:
             while (asked := on_root(comm, next_request)) is not None:
                 try:
-                    evaluation = model.evaluate(*asked)
+                    reply({"output": model.answer(asked)})
                     solves += 1
-                    if request is not None:  # on rank 0
-                        reply(request.answer(evaluation))
+                except Refusal as refusal:
+                    reply(error(refusal.kind, str(refusal)))
                 except Interrupted:
                     reply(error("ModelError", "the server was stopped"))
                     break

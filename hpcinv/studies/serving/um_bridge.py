@@ -12,27 +12,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from hpcinv.base.quantity.units import as_float
 from hpcinv.job.settings import LEVELS
 from hpcinv.studies.serving.http_server import LONGEST, HttpServer, Reply
-from hpcinv.studies.serving.job_model import Linearisation
+from hpcinv.studies.serving.question import Question, Refusal
 
 _FEATURES = {"Evaluate": True, "Gradient": True, "ApplyJacobian": True, "ApplyHessian": False}
 _ANSWERED = {"Evaluate": "", "Gradient": "sens", "ApplyJacobian": "vec"}  # requests that need a solve, and their vector
 
 
 _MOST_WAITING = 1000
-"""requests that wait for a solve; raised, a client that sends many without waiting takes more memory"""
-
-
-class Refusal(Exception):
-    """A request that is answered with an error of the protocol: its kind and message."""
-
-    def __init__(self, kind: str, message: str) -> None:
-        super().__init__(message)
-        self.kind = kind
+"""requests that wait for a solve; raised, a client that sends many without waiting takes more memory. Fewer requests of
+arrays wait."""
+_BYTES = 32
+"""bytes of a number in a request of arrays; lowered, requests with all digits are refused"""
 
 
 @dataclass(frozen=True)
@@ -40,37 +33,13 @@ class Request:
     """A request for a solve.
 
     Attributes:
-        kind: ``Evaluate``, ``Gradient`` or ``ApplyJacobian``.
-        inputs: (n,) in SI.
-        level: of the certificate.
-        vector: weights of the outputs (m,) of a gradient, or direction of the inputs (n,) of ``ApplyJacobian``.
         is_wanted: whether the client is still there.
         answers: where the answer goes.
     """
 
-    kind: str
-    inputs: list[float]
-    level: str
-    vector: list[float]
+    question: Question
     is_wanted: Callable[[], bool]
     answers: "queue.Queue[dict[str, Any]]" = field(default_factory=lambda: queue.Queue(1))
-
-    def answer(self, evaluation: Linearisation) -> dict[str, Any]:
-        """Return the answer of the protocol."""
-        values, jacobian = evaluation.values, evaluation.jacobian
-        try:
-            if self.kind == "Evaluate":
-                _require(np.isfinite(values), evaluation.outputs, "has no finite value")
-                return {"output": [values.tolist()]}
-            if self.kind == "Gradient":
-                weights = np.array(self.vector)
-                is_right = np.isfinite(jacobian).all(axis=1) | (weights == 0)
-                _require(is_right, evaluation.outputs, "has no derivative; give it the weight 0")
-                return {"output": (weights[weights != 0] @ jacobian[weights != 0]).tolist()}
-            _require(np.isfinite(jacobian).all(axis=1), evaluation.outputs, "has no derivative; remove it from the job")
-            return {"output": (jacobian @ np.array(self.vector)).tolist()}
-        except Refusal as refusal:
-            return error(refusal.kind, str(refusal))
 
 
 def error(kind: str, message: str) -> dict[str, Any]:
@@ -78,18 +47,13 @@ def error(kind: str, message: str) -> dict[str, Any]:
     return {"error": {"type": kind, "message": message}}
 
 
-def _require(is_right: Any, outputs: Sequence[str], fault: str) -> None:
-    if not is_right.all():
-        raise Refusal("UnsupportedFeature", f"output '{outputs[int(np.argmin(is_right))]}' {fault}")
-
-
 class Server:
     """HTTP server of one model, in threads of rank 0; requests for solves wait in a queue.
 
     Args:
         name: of the model.
-        inputs: number of inputs.
-        outputs: number of outputs.
+        inputs: lengths of the lists of inputs.
+        outputs: lengths of the lists of outputs.
         host, port: address to listen on; port 0 takes a free one.
         token: first part of the path of each request; empty for none.
 
@@ -97,11 +61,15 @@ class Server:
         OutputError: the address cannot be used.
     """
 
-    def __init__(self, name: str, inputs: int, outputs: int, host: str, port: int, token: str) -> None:
-        self.name, self.inputs, self.outputs, self.token = name, inputs, outputs, token
-        self._requests: queue.Queue[Request] = queue.Queue(_MOST_WAITING)
+    def __init__(
+        self, name: str, inputs: Sequence[int], outputs: Sequence[int], host: str, port: int, token: str
+    ) -> None:
+        self.name, self.inputs, self.outputs, self.token = name, list(inputs), list(outputs), token
+        self._longest = max(LONGEST, _BYTES * (sum(inputs) + max(*inputs, *outputs)))
+        self._most_waiting = max(1, _MOST_WAITING * LONGEST // self._longest)
+        self._requests: queue.Queue[Request] = queue.Queue(self._most_waiting)
         self._lock, self._is_closed = threading.Lock(), False
-        self._server = HttpServer(host, port, self._reply)
+        self._server = HttpServer(host, port, self._reply, self._longest)
 
     @property
     def address(self) -> str:
@@ -133,7 +101,7 @@ class Server:
         code = 200
         try:
             if body is None:
-                raise Refusal("InvalidInput", f"a request may have {LONGEST} bytes")
+                raise Refusal("InvalidInput", f"a request may have {self._longest} bytes")
             content = self.respond(path, _mapping(body) if method == "POST" else {}, is_wanted)
         except Refusal as refusal:
             content, code = error(refusal.kind, str(refusal)), 404 if refusal.kind == "NotFound" else 400
@@ -159,7 +127,7 @@ class Server:
         if kind == "ModelInfo":
             return {"support": _FEATURES}
         if kind.endswith("Sizes"):
-            return {"inputSizes": [self.inputs]} if kind == "InputSizes" else {"outputSizes": [self.outputs]}
+            return {"inputSizes": self.inputs} if kind == "InputSizes" else {"outputSizes": self.outputs}
         request = self._request(kind, body, is_wanted)
         with self._lock:
             if self._is_closed:
@@ -167,16 +135,17 @@ class Server:
             try:
                 self._requests.put_nowait(request)
             except queue.Full:
-                return error("ModelError", f"{_MOST_WAITING:,} requests wait for an answer: ask again later")
+                return error("ModelError", f"{self._most_waiting:,} requests wait for an answer: ask again later")
         return request.answers.get()
 
     def _request(self, kind: str, body: Mapping[str, Any], is_wanted: Callable[[], bool]) -> Request:
-        given = body.get("input")
-        if not isinstance(given, list) or len(given) != 1:
-            raise Refusal("InvalidInput", f"'input' must be one list of {self.inputs} numbers")
-        for key in ("outWrt", "inWrt"):
-            if kind != "Evaluate" and body.get(key) != 0:
-                raise Refusal("InvalidInput", f"'{key}' must be 0: there is one list")
+        given, count = body.get("input"), len(self.inputs)
+        if not isinstance(given, list) or len(given) != count:
+            lists = "one list" if count == 1 else f"{count} lists"
+            raise Refusal("InvalidInput", f"'input' must be {lists} of {', '.join(map(str, self.inputs))} numbers")
+        out = into = 0
+        if kind != "Evaluate":
+            out, into = _place(body, "outWrt", self.outputs), _place(body, "inWrt", self.inputs)
         config = body.get("config") or {}
         if not isinstance(config, dict) or not config.keys() <= {"certificate"}:
             raise Refusal("InvalidInput", "'config' may have 'certificate' only")
@@ -184,9 +153,19 @@ class Server:
         if level not in LEVELS:
             raise Refusal("InvalidInput", f"'config' may have 'certificate': {', '.join(LEVELS)}")
         key = _ANSWERED[kind]
-        size = self.outputs if key == "sens" else self.inputs
+        size = self.outputs[out] if key == "sens" else self.inputs[into]
         vector = _numbers(body.get(key), key, size) if key else []
-        return Request(kind, _numbers(given[0], "input", self.inputs), level, vector, is_wanted)
+        inputs = [_numbers(numbers, "input", size) for numbers, size in zip(given, self.inputs, strict=True)]
+        return Request(Question(kind, inputs, level, tuple(vector), out, into), is_wanted)
+
+
+def _place(body: Mapping[str, Any], key: str, sizes: Sequence[int]) -> int:
+    """Return the number of a list."""
+    place = body.get(key)
+    if not isinstance(place, int) or isinstance(place, bool) or not 0 <= place < len(sizes):
+        lists = "0: there is one list" if len(sizes) == 1 else f"the number of a list, from 0 to {len(sizes) - 1}"
+        raise Refusal("InvalidInput", f"'{key}' must be {lists}")
+    return place
 
 
 def _mapping(body: bytes) -> Mapping[str, Any]:
