@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.spatial_fields import ELSEWHERE
 from hpcinv.job.job import Job
 from hpcinv.job.region_references import REFERENCES
 from hpcinv.mesh import build_body
@@ -28,14 +29,26 @@ def with_job_regions(shape: MeshSource, given: MeshSource, job: Job) -> MeshSour
     """
     named = {*job.regions, *(name for references in REFERENCES for _, name in references(job))}
     missing = (named & {*job.regions, BOUNDARY}) - {group.name for group in shape.groups}
-    if not missing:
-        return shape
+    return _with_remainder(_with_regions(shape, given, job, missing) if missing else shape, job)
+
+
+def _with_regions(shape: MeshSource, given: MeshSource, job: Job, missing: set[str]) -> MeshSource:
     body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve, replacement=given)
     order = np.asarray(body.mesh.topology.original_cell_index).astype(np.int64)
     regions = [body.regions[name] for name in sorted(missing)]
     shape = add_facets(shape, {r.name: _sides(body, r.facets, order) for r in regions if len(r.facets)})
     cells = [Group(r.name, 3, 0, np.sort(order[r.cells])) for r in regions if len(r.cells)]
     return dataclasses.replace(shape, groups=distinct_tags([*shape.groups, *cells]))
+
+
+def _with_remainder(shape: MeshSource, job: Job) -> MeshSource:
+    """Return the shape with the cells that no law of a region takes as the region ``elsewhere``, if that has a law."""
+    regions = {where.partition(".")[2] for where in job.laws}
+    if ELSEWHERE not in regions:
+        return shape
+    taken = [group.members for group in shape.groups if group.dim == 3 and group.name in regions]
+    left = np.setdiff1d(np.arange(len(shape.cells)), np.concatenate(taken))
+    return dataclasses.replace(shape, groups=distinct_tags([*shape.groups, Group(ELSEWHERE, 3, 0, left)]))
 
 
 def _sides(body: Body, facets: Ints, order: Ints) -> Ints:
