@@ -113,7 +113,7 @@ def found(path: Path) -> dict[str, Any]:
                 return opinion_of(path, Path(directory))
             return opinion_of(job_of_deck(path, Path(directory)), Path(directory))
         except HpcinvError as error:
-            return {"reason": " / ".join(error.message.replace(directory, "").splitlines()[:2])}
+            return {"reason": " / ".join(error.message.replace(directory, "").replace(f"{ROOT}/", "").splitlines()[:2])}
 
 
 def job_of_deck(path: Path, directory: Path) -> Path:
@@ -176,6 +176,7 @@ def given_state(data: dict[str, Any]) -> dict[str, Any]:
 
 def laws_of_both(job: Job) -> dict[str, Any]:
     """Return changes of a job: laws that CalculiX lacks become isochoric neo-Hookean ones of equal moduli."""
+    from hpcinv.base.quantity.spatial_fields import is_uniform
     from hpcinv.errors import JobError
     from hpcinv.formats.cards import abaqus
     from hpcinv.formats.cards.card import Values
@@ -187,6 +188,8 @@ def laws_of_both(job: Job) -> dict[str, Any]:
             is_there = not law.is_incompressible
         except JobError:
             is_there = False
+        if not is_there and not all(is_uniform(value) for value, _ in law.quantities().values()):
+            raise JobError(f"{place}: a law with moduli that vary has no other one in its place")
         if not is_there:
             young, poisson = law.young_and_poisson()
             other = {"law": "isochoric-neo-hookean", "young": young, "poisson": min(poisson, LARGEST_POISSON)}

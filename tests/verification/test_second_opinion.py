@@ -288,3 +288,14 @@ def test_a_body_without_load_has_an_opinion(tmp_path: Path) -> None:
     assert opinion.displacement == 0.0
     assert opinion.verdict is Verdict.PASS
     assert "of the largest displacement" not in opinion.lines()[0]
+
+
+@needs_calculix
+def test_a_body_of_micrometres_has_an_opinion(tmp_path: Path) -> None:
+    """CalculiX refuses cells below 1e-20 cubed units of its deck."""
+    parameters = {key: 1e-6 * value if key[0] == "l" else value for key, value in SIZE.items()}
+    weight = {"effect": "gravity", "acceleration": [1, 0, -2], "density": 1e9}
+    run = solved(tmp_path, mesh=BODY["mesh"] | {"parameters": parameters, "unit": "um"}, effects=[weight])
+    opinion = second_opinion(run, None, 60)
+    assert opinion.displacement > 1e-9
+    assert opinion.largest < 1e-4 * opinion.displacement

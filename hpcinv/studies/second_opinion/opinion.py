@@ -127,10 +127,11 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
     except OSError as error:
         raise OutputError(f"{directory}: cannot be made: {error.strerror}") from None
     path = directory / f"{body.name}.inp"
-    deck = write_deck(path, body, 1.0)
+    unit = _unit_of(body)
+    deck = write_deck(path, body, unit)
     try:
         executable = command(program)
-        theirs = displacements(executable, path, deck.tags, limit, memory)
+        theirs = unit * displacements(executable, path, deck.tags, limit, memory)
     except NoOpinion as error:
         _record(run, Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message))
         raise
@@ -153,6 +154,11 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
     )
     _record(run, opinion.line())
     return opinion
+
+
+def _unit_of(body: LoadedBody) -> float:
+    """Return the unit of length (m) of the deck, a power of ten: CalculiX refuses cells below 1e-20 cubed units."""
+    return float(10.0 ** np.floor(np.log10(np.ptp(body.rest.points, axis=0).max())))
 
 
 def _largest(vectors: Floats) -> float:
