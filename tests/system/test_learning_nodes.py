@@ -127,6 +127,20 @@ def test_other_shells(comm: MPI.Intracomm, run_directory: Path, shell: dict[str,
         check_products(model, model.start, rates(model, 0.01))
 
 
+@pytest.mark.parametrize("thickness", [1e-2, 3e-3])
+def test_thin_shells(comm: MPI.Intracomm, run_directory: Path, thickness: float) -> None:
+    """Rounding leaves residuals of 1e-7 and 1e-5 of the right-hand side; the products keep 8 and 5 digits."""
+    posed = sheet(comm, run_directory, analysis="forward").with_(
+        {"mesh.shell": {"thickness": thickness}, LOAD: 1e5 * thickness**3}
+    )
+    with DifferentiableJob(posed, [LOAD], ["tip"], comm) as model:
+        slope, weight = model.along(model.start, [1.0])[0], np.array([0.0, 0.0, 1.0])
+        ends = [model.evaluate([(1 + s) * model.start[0]])[0] for s in (1e-3, -1e-3)]
+        difference = (ends[0] - ends[1]) / (2e-3 * model.start[0])
+        np.testing.assert_allclose(slope, difference, rtol=0, atol=1e-4 * np.abs(slope).max())
+        assert float(model.gradient(model.start, [weight])[0]) == pytest.approx(slope[2], rel=1e-5)
+
+
 @pytest.mark.parallel([2])
 def test_inverted_cells_are_one_message(comm: MPI.Intracomm, run_directory: Path) -> None:
     with DifferentiableJob(block(comm, run_directory), [NODES], ["tip"], comm) as model:
