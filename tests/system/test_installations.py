@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 from helpers.command_line import COLUMN, command, environment, write_job
 
 from hpcinv.base.parallel.imports import imports_explained
@@ -21,6 +22,10 @@ from hpcinv.version import __version__
 ROOT = Path(__file__).parents[2]
 # What a site's own DOLFINx comes with.
 OF_THE_SITE = {"adios2", "adios4dolfinx", "dolfinx-solver-real", "h5py", "mpi4py", "mpich", "numpy"}
+
+RECIPE = ROOT / "containers" / "conda" / "recipe.yaml"
+IN_CONDA = {"dolfinx-solver-real": "fenics-dolfinx", "gmsh": "python-gmsh"}
+"""names in conda-forge that differ from PyPI's"""
 
 WITHOUT_MPI = """
 from types import SimpleNamespace
@@ -201,24 +206,74 @@ def test_the_version_is_the_same_in_each_file(file: str, line: str) -> None:
     assert line.format(__version__) in (ROOT / file).read_text().splitlines()
 
 
+def uv(*arguments: str, directory: Path) -> subprocess.CompletedProcess[str]:
+    """Run uv without the environment of the tests; skip the test if it is missing."""
+    program = os.environ.get("UV") or shutil.which("uv")  # the first under "uv run"
+    if not program:
+        pytest.skip("needs uv")
+    bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    return subprocess.run([program, *arguments], cwd=directory, env=bare, capture_output=True, text=True, check=False)
+
+
 @pytest.mark.release
 @pytest.mark.parametrize("version", ["3.12", "3.13"])
 def test_the_wheel_alone_runs_a_job_in_a_bare_python(version: str, tmp_path: Path) -> None:
-    """Without extras; several minutes where the packages are not in uv's cache."""
-
-    program = os.environ.get("UV") or shutil.which("uv") or ""  # the first under "uv run"
-
-    def uv(*arguments: str) -> subprocess.CompletedProcess[str]:
-        bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-        return subprocess.run(
-            [program, *arguments], cwd=tmp_path, env=bare, capture_output=True, text=True, check=False
-        )
-
-    if not program or uv("python", "find", "--no-project", version).returncode:
-        pytest.skip(f"needs uv and Python {version}")
-    assert not uv("build", "--wheel", "--out-dir", str(tmp_path), str(ROOT)).returncode
+    """Without extras or a clone; several minutes where the packages are not in uv's cache."""
+    python = interpreter(version, tmp_path)
+    built = uv("build", "--python", python, "--wheel", "--out-dir", str(tmp_path), str(ROOT), directory=tmp_path)
+    assert built.returncode == 0, built.stderr
     (wheel,) = tmp_path.glob("*.whl")
+    start = ("tool", "run", "--python", python, "--from", str(wheel), "hpcinv")
     write_job(tmp_path / "column.yaml", COLUMN)
-    ended = uv("tool", "run", "--python", version, "--from", str(wheel), "hpcinv", "run", "column.yaml")
+    ended = uv(*start, "run", "column.yaml", directory=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert "certificate: pass" in ended.stdout
+    for line in ("new part part.yaml", "run part.yaml --certificate off"):
+        ended = uv(*start, *line.split(), directory=tmp_path)
+        assert ended.returncode == 0, ended.stderr
+    assert str(ROOT) not in (tmp_path / "part.yaml").read_text()
+    assert (tmp_path / "results" / "part" / "shape.msh").is_file()
+
+
+def interpreter(version: str, directory: Path) -> str:
+    """Return a Python that is not of an environment, from uv, the path or pyenv; skip the test if there is none."""
+    found = uv("python", "find", "--no-project", "--system", "--no-python-downloads", version, directory=directory)
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    of_pyenv = sorted(pyenv.glob(f"{version}.*/bin/python"))
+    if found.returncode and not of_pyenv:
+        pytest.skip(f"needs Python {version}")
+    return str(of_pyenv[-1]) if found.returncode else found.stdout.strip()
+
+
+RENDER = """
+import json, sys
+from rattler_build import Stage0Recipe, VariantConfig
+
+(variant,) = Stage0Recipe.from_file(sys.argv[1]).render(VariantConfig({"python": ["3.12.* *_cpython"]}))
+json.dump(variant.recipe.to_dict(), sys.stdout)
+"""
+
+
+@pytest.mark.release
+def test_rattler_build_renders_the_recipe_of_conda(tmp_path: Path) -> None:
+    """A build needs packages of conda-forge; rendering does not."""
+    (tmp_path / "render.py").write_text(RENDER)
+    start = ("run", "--no-project", "--isolated", "--python", "3.12", "--with", "py-rattler-build==0.73.0")
+    done = uv(*start, "python", "render.py", str(RECIPE), directory=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rendered = json.loads(done.stdout)
+    assert rendered["package"] == {"name": "hpcinv", "version": __version__}
+    assert rendered["build"]["noarch"] == "python"
+    assert set(IN_CONDA.values()) <= {line.split()[0] for line in rendered["requirements"]["run"]}
+    assert all((ROOT / name).is_file() for name in rendered["about"]["license_file"])
+    assert (RECIPE.parent / rendered["source"][0]["path"]).resolve() == ROOT
+
+
+def test_the_recipe_of_conda_has_all_dependencies_by_their_names_there() -> None:
+    recipe = yaml.safe_load(RECIPE.read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    needed = {line.partition("==")[0] for line in project["project"]["dependencies"]}
+    named = {line.split()[0] for line in recipe["requirements"]["run"]}
+    assert {IN_CONDA.get(name, name) for name in needed} <= named
+    backend = {line.partition("==")[0] for line in project["build-system"]["requires"]}
+    assert backend <= {line.split()[0] for line in recipe["requirements"]["host"]}
