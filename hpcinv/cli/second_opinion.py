@@ -11,7 +11,7 @@ from hpcinv.cli.help import add_command
 from hpcinv.cli.mesh_input import check_one_process
 from hpcinv.errors import OutputError
 
-PROGRAMS = ("calculix",)
+PROGRAMS = ("calculix", "febio")
 
 
 def add_second_opinion(commands: Any) -> None:
@@ -21,12 +21,15 @@ def add_second_opinion(commands: Any) -> None:
         "Let another program load the rest shape of a finished run, and compare its body with the given one.",
         examples=(
             "hpcinv second-opinion results/part\n"
-            "hpcinv second-opinion results/part --command /opt/ccx/bin/ccx_2.21 --limit '30 min'"
+            "hpcinv second-opinion results/part --command /opt/ccx/bin/ccx_2.21 --limit '30 min'\n"
+            "hpcinv second-opinion results/part --with febio --command /opt/febio/bin/febio4"
         ),
         page="how-to/second-opinion.md",
     )
     parser.add_argument("run", type=Path, help="directory of the run")
-    parser.add_argument("--with", dest="program", choices=PROGRAMS, default="calculix", help="the program")
+    parser.add_argument(
+        "--with", dest="program", choices=PROGRAMS, default="calculix", help="the program (default: calculix)"
+    )
     parser.add_argument("--command", dest="executable", metavar="PATH", help="its command (default: the installed one)")
     parser.add_argument("--limit", default="10 min", help="wall time of the program (default: 10 min)")
     parser.add_argument("--memory", type=float, metavar="GB", help="memory of the program (default: the machine's)")
@@ -43,7 +46,7 @@ def _second_opinion(options: argparse.Namespace) -> int:
     if options.memory is not None and not options.memory > 0:
         raise OutputError(f"--memory {options.memory:g}: must be above 0")
     memory = None if options.memory is None else round(options.memory * 1e9)
-    opinion = second_opinion(options.run, options.executable, _seconds(options.limit), memory)
+    opinion = second_opinion(options.run, options.executable, _seconds(options.limit), memory, options.program)
     print("\n".join(opinion.lines()))
     print(f"{opinion.verdict.value}; a line of the certificate; deck and output in {options.run / FOLDER}")
     return 0

@@ -20,11 +20,12 @@ from hpcinv.errors import OutputError
 from hpcinv.job.job import load
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
-from hpcinv.studies.second_opinion.calculix import NoOpinion, version
+from hpcinv.studies.second_opinion.calculix import version
 from hpcinv.studies.second_opinion.calculix_deck import LOADS, expected_path, write_deck
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody, add_loads, loaded_body
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.opinion import FOLDER, second_opinion
+from hpcinv.studies.second_opinion.program_run import NoOpinion
 from hpcinv.trust.certificate import Verdict
 
 needs_calculix = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")

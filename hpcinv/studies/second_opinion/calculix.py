@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import signal
 import subprocess
 from pathlib import Path
 
 import numpy as np
 
-from hpcinv.errors import HpcinvError
 from hpcinv.mesh.source import Floats, Ints
+from hpcinv.studies.second_opinion.program_run import Block, displacements_of, installed, run_within
 
 PROGRAM = "CalculiX"
 COMMANDS = ("ccx", "ccx_2.21", "ccx_2.20", "ccx_2.19")
-_LAST_LINES = 3
 _EXPONENT = re.compile(r"(\d)([-+]\d{3})$")
 """of three digits, before which Fortran writes no letter"""
-
-
-class NoOpinion(HpcinvError):
-    """The other program is missing, was stopped, or did not reach the load; the message says which, with its words."""
-
-    exit_code = 5
 
 
 def command(given: str | None) -> str:
@@ -33,12 +23,8 @@ def command(given: str | None) -> str:
     Raises:
         NoOpinion: it is not installed.
     """
-    for name in (given,) if given else COMMANDS:
-        if path := shutil.which(name):
-            return path
-    raise NoOpinion(
-        f"{given or PROGRAM}: is not installed", "In Debian it is the package calculix-ccx; or give --command PATH."
-    )
+    advice = "In Debian it is the package calculix-ccx; or give --command PATH."
+    return installed(given or PROGRAM, (given,) if given else COMMANDS, advice)
 
 
 def version(program: str) -> str:
@@ -67,44 +53,8 @@ def displacements(program: str, deck: Path, tags: Ints, limit: float, memory: in
     """
     results, log = deck.with_suffix(".dat"), deck.with_suffix(".log")
     results.unlink(missing_ok=True)
-    memory = memory or os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    with (
-        log.open("wb") as output,
-        subprocess.Popen(
-            ["/bin/sh", "-c", f'ulimit -v {memory // 1024} && exec "$0" "$1"', program, deck.stem],
-            cwd=deck.parent,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=os.environ | {"OMP_NUM_THREADS": "1"},
-            start_new_session=True,
-        ) as process,
-    ):
-        try:
-            process.wait(limit)
-        except BaseException as error:
-            os.killpg(process.pid, signal.SIGKILL)
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise _stopped(f"was stopped after {limit:g} s", log) from None
-            raise
-    last = _last_block(results)
-    if last is None or last[0] < 1 - 1e-6:
-        reached = "reached no load" if last is None else f"ended at {last[0]:.3g} of the load"
-        raise _stopped(reached, log)
-    by_tag = {int(row[0]): row[1:] for row in last[1] if np.isfinite(row[0])}
-    if missing := [tag for tag in tags.tolist() if tag not in by_tag]:
-        raise _stopped(f"printed no displacement of node {missing[0]}", log)
-    found = np.array([by_tag[tag] for tag in tags.tolist()])
-    if not np.isfinite(found).all():
-        raise _stopped("printed displacements that are not finite", log)
-    return found
-
-
-def _stopped(what: str, log: Path) -> NoOpinion:
-    """Return the error of a run, with the last lines that are not empty."""
-    lines = [line.strip() for line in log.read_text("utf-8", "replace").splitlines() if line.strip(" _\t")]
-    words = "\n".join(f"  {line}" for line in lines[-_LAST_LINES:])
-    return NoOpinion(f"{PROGRAM} {what}; its last lines:\n{words}", f"Its files stay in {log.parent}.")
+    run_within(PROGRAM, [program, deck.stem], log, limit, memory)
+    return displacements_of(PROGRAM, _last_block(results), tags, log)
 
 
 def _number(word: str) -> float:
@@ -115,7 +65,7 @@ def _number(word: str) -> float:
         return np.nan
 
 
-def _last_block(path: Path) -> tuple[float, list[list[float]]] | None:
+def _last_block(path: Path) -> Block | None:
     """Return time and rows of the last displacements in a ``.dat`` file; ``None`` without any."""
     if not path.is_file():
         return None
@@ -128,4 +78,4 @@ def _last_block(path: Path) -> tuple[float, list[list[float]]] | None:
         words = line.split()
         if len(words) == 4:
             block.append([_number(word) for word in words])
-    return (float(found[1]) if found else 0.0), block
+    return Block(float(found[1]) if found else 0.0, block)

@@ -187,10 +187,15 @@ def _loads(body: LoadedBody, unit: float) -> Iterator[str]:
     yield "</Loads>"
 
 
+def displacement_path(model: Path) -> Path:
+    """Return the file into which FEBio writes the displacements of a model's nodes."""
+    return model.with_name(f"{model.stem}-displacement.txt")
+
+
 def _output(path: Path) -> Iterator[str]:
     yield "<Output>"
     yield '<plotfile type="febio"><var type="displacement"/><var type="stress"/></plotfile>'
-    name = escape(f"{path.stem}-displacement.txt")
+    name = escape(displacement_path(path).name)
     yield f'<logfile><node_data name="displacement" data="ux;uy;uz" delim="," file="{name}"/></logfile>'
     yield "</Output>"
 

@@ -16,13 +16,14 @@ from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
 from hpcinv.interface import run as run_job
 from hpcinv.job.job import Job, load
+from hpcinv.job.rules import wants_pressure
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import write_on_this_rank
-from hpcinv.studies.second_opinion.calculix import PROGRAM, NoOpinion, command, displacements, version
-from hpcinv.studies.second_opinion.calculix_deck import ABILITIES, LOADS, write_deck
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody, loaded_body
+from hpcinv.studies.second_opinion.program_run import NoOpinion
+from hpcinv.studies.second_opinion.programs import PROGRAMS, Program
 from hpcinv.trust.certificate import Line, Topic, Verdict
 from hpcinv.trust.certificate.check import with_line
 
@@ -106,32 +107,36 @@ def opinion_line(run: Path) -> Line:
         return line
 
 
-def second_opinion(run: Path, program: str | None, limit: float, memory: int | None = None) -> Opinion:
-    """Let CalculiX load the rest shape of a finished run, and add a line to its certificate.
+def second_opinion(
+    run: Path, executable: str | None, limit: float, memory: int | None = None, name: str = "calculix"
+) -> Opinion:
+    """Let another program load the rest shape of a finished run, and add a line to its certificate.
 
     Deck and files of the program stay in the directory `FOLDER` of the run.
 
     Args:
-        program: its command; by default the installed one.
+        executable: command of the program; by default the installed one.
         limit: seconds for it.
         memory: bytes for it; by default the machine's.
+        name: of the program, one of `PROGRAMS`.
 
     Raises:
         OutputError: the run is not finished, or has what no deck can say.
         NoOpinion: the program is missing or fails; the line then says that it is not decided.
     """
-    body = loaded_body(run, LOADS, ABILITIES)
+    program = PROGRAMS[name]
+    body = loaded_body(run, program.loads, program.abilities)
     directory = run / FOLDER
     try:
         directory.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(f"{directory}: cannot be made: {error.strerror}") from None
-    path = directory / f"{body.name}.inp"
+    path = directory / f"{body.name}{program.suffix}"
     unit = _unit_of(body)
-    deck = write_deck(path, body, unit)
+    deck = program.write(path, body, unit)
     try:
-        executable = command(program)
-        theirs = unit * displacements(executable, path, deck.tags, limit, memory)
+        executable = program.command(executable)
+        theirs = unit * program.displacements(executable, path, deck.tags, limit, memory)
     except NoOpinion as error:
         _record(run, Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message))
         raise
@@ -139,9 +144,9 @@ def second_opinion(run: Path, program: str | None, limit: float, memory: int | N
     distances = np.linalg.norm(theirs - expected, axis=1)
     worst = int(distances.argmax())
     job = RunDirectory(run).job(None)
-    ours, reason = _with_their_elements(run, job, body, deck.element)
+    ours, reason = _with_their_elements(run, job, body, program, deck.element)
     opinion = Opinion(
-        f"{PROGRAM} {version(executable)}".strip(),
+        f"{program.name} {program.version(executable, path)}".strip(),
         deck.element,
         float(distances[worst]),
         float(np.sqrt((distances**2).mean())),
@@ -165,13 +170,17 @@ def _largest(vectors: Floats) -> float:
     return float(np.linalg.norm(vectors, axis=1).max())
 
 
-def _with_their_elements(run: Path, job: Job, body: LoadedBody, element: str) -> tuple[Floats | None, str]:
-    """Return the places (n, 3) to which we load the rest shape with the elements of CalculiX, or why that is not known.
+def _with_their_elements(
+    run: Path, job: Job, body: LoadedBody, program: Program, element: str
+) -> tuple[Floats | None, str]:
+    """Return the places (n, 3) to which we load the rest shape with the elements of a program, or why they are unknown.
 
     Its elements are ours without the unknown pressure, but for hexahedra of degree 2.
     """
     if element == "C3D20":
         return None, "ours have 27 nodes"
+    if program.mixed and (job.is_mixed or wants_pressure(job.laws)):
+        return None, program.mixed
     if not job.is_mixed:
         return read_shape(run, DEFORMED).points, ""
     if any(support.moves for support in job.supports):
