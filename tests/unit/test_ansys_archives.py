@@ -152,6 +152,10 @@ def test_forces_on_a_component_are_one_load() -> None:
         ("SFE,9,1,PRES,,5.\n", "SFE,PRES on 1 faces that are not of solid elements"),
         ("DDELE,1,UX\n", "DDELE"),
         ("OMEGA,1\n", "OMEGA"),
+        ("CE,NEXT,1.,1,UX,1\n", "CE (1)"),
+        ("CE,NEXT,0,1,UX,1,2,UX,-1\n", "CE (1)"),
+        ("CE,7,0,1,UX,1\n", "CE (1)"),
+        ("CE,NEXT,0,1,UX,1\n", "CE of 1 nodes that are not a component in a plane"),
     ],
 )
 def test_what_is_not_read_of_supports_and_loads_is_listed(commands: str, unread: str) -> None:
@@ -186,3 +190,17 @@ def test_a_solution_without_large_displacements_is_linear() -> None:
     assert loads("/SOLU\nSOLVE\n").is_linear
     assert not loads("/SOLU\nNLGEOM,ON\nSOLVE\n").is_linear
     assert not loads("").is_linear  # a model alone
+
+
+@pytest.mark.parametrize("third", ["CE,NEXT,,3,UX,-1.5,3,UY,-2.\n", "D,3,UX,0\nD,3,UY,0\n"])
+def test_equations_of_the_nodes_of_a_plane_are_a_sliding_support(third: str) -> None:
+    deck = loads(f"CE,NEXT,0,1,UX,3.,1,UY,4.\nCE,NEXT,0,2,UY,0.8,2,UX,0.6\n{third}")
+    assert deck.supports[-1] == {"region": "FOOT", "fix": ["normal"], "normal": [0.6, 0.8, 0.0]}
+    assert not deck.unused
+
+
+def test_equations_of_a_curved_face_are_listed() -> None:
+    nodes = "".join(f"{i:9d}{0:9d}{0:9d}{float(i):16.9f}\n" for i in range(5, 40))
+    block = f"NBLOCK,6,SOLID,39,35\n(3i9,6e16.9)\n{nodes}N,R5.3,LOC,       -1,\n"
+    deck = loads(block + "".join(f"CE,NEXT,0,{i},UX,1,{i},UY,{i}\n" for i in range(5, 40)))
+    assert deck.unused == ["CE of 35 nodes that are not a component in a plane"]

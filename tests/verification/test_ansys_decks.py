@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.mesh_data_files import block
+from helpers.second_opinions import BLOCK, reaches_given_body, solved
 from helpers.verification import job
 
 import hpcinv
@@ -23,6 +24,7 @@ from hpcinv.mesh.source import Group
 from hpcinv.physics.materials import laws
 from hpcinv.studies.second_opinion.ansys_archive import write_archive
 from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
+from hpcinv.studies.second_opinion.slides import Slide
 
 MESHES = Path(__file__).parents[2] / "meshes"
 SIZE = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 2}
@@ -181,3 +183,41 @@ def test_displacements_that_vary_are_of_each_node(tmp_path: Path) -> None:
 def test_a_suffix_of_no_program_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(tmp_path), "--deck", str(tmp_path / "part.k")]) != 0
     assert "Let its name end with .inp, .feb, .cdb, .dat." in capsys.readouterr().err
+
+
+def test_planes_are_equations_of_their_nodes_and_are_read_back(tmp_path: Path) -> None:
+    planes = [
+        {"region": "x0", "fix": ["normal"], "normal": [2, 1, 0]},
+        {"region": "y0", "fix": ["normal"], "normal": [0, 1, 1]},
+    ]
+    pressed = [BLOCK["effects"][0], {"effect": "pressure", "region": "y1", "pressure": 500}]
+    run, deck = solved(tmp_path, effects=pressed, supports=[*BLOCK["supports"], *planes]), tmp_path / "part.cdb"
+    assert main(["export", str(run), "--deck", str(deck), "--unit", "mm"]) == 0
+    again, text = read_back(deck)
+    assert "Not taken from the file" not in text
+    slides = {support.region: support.normal for support in again.supports if support.slides}
+    assert slides["x0"] == pytest.approx(np.array([2, 1, 0]) / 5**0.5)
+    assert slides["y0"] == pytest.approx(np.array([0, 1, 1]) / 2**0.5)
+    assert reaches_given_body(run, again) < 1e-5
+
+
+def test_equations_begin_with_a_displacement_that_nothing_else_holds(tmp_path: Path) -> None:
+    """The program eliminates the first term; what follows from other supports of a node has no equation."""
+    posed, path = body(), tmp_path / "part.cdb"
+    [side] = [group for group in posed.rest.groups if group.name == "x0"]
+    nodes = np.unique(posed.rest.facets[side.members])
+    first, second, third, *_ = nodes.tolist()
+    posed.held = [Held("supports[0]", np.array([first, second]), 0, np.zeros(2))]
+    posed.held += [Held("supports[1]", np.array([second]), 1, np.zeros(1))]
+    directions = np.tile([0.8, 0.6, 0.0], (len(nodes), 1))
+    posed.slides = [Slide("supports[2]", nodes, directions, np.zeros(len(nodes)), "x0")] * 2  # the same once more
+    write_archive(path, posed, 1.0)
+    rows = [line.split(",") for line in path.read_text().splitlines() if line.startswith("CE,")]
+    found = {int(row[3]): row[4::3] for row in rows}
+    tags = posed.rest.node_tags
+    assert len(rows) == len(nodes) - 1
+    assert (found[tags[first]], found[tags[third]]) == (["UY", "UX"], ["UX", "UY"])
+    assert tags[second] not in found
+    posed.slides = [replace(posed.slides[0], values=np.full(len(nodes), 1e-3))]
+    with pytest.raises(OutputError, match=r"supports\[2\]: nodes move along the normals"):
+        write_archive(path, posed, 1.0)

@@ -1,12 +1,14 @@
 """Supports and loads of archives of Ansys, by node and by face of an element: what holds at the end of the file.
 
 A later command replaces an earlier one on the same node or face.
-Source: *Ansys Mechanical APDL Command Reference*, ACEL, CMSEL, D, F and SFE.
+Source: *Ansys Mechanical APDL Command Reference*, ACEL, CE, CMSEL, D, F and SFE.
 """
 
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import hypot
+from operator import mul
 from typing import ClassVar, NamedTuple
 
 from hpcinv.base.reading.element_faces import FACES, with_vertices
@@ -16,6 +18,10 @@ type Vector = tuple[float, float, float]
 
 _LABELS = {"UX": "x", "UY": "y", "UZ": "z"}
 _FORCES = {"FX": 0, "FY": 1, "FZ": 2}
+_FLAT = 1e-6
+"""Difference of unit normals of one plane; raised, shallow curved faces are taken for planes."""
+_MOST_PLANES = 20
+"""More normals are of a curved face. Raised, files of such faces take longer."""
 _RELEASE = re.compile(r"R\d+(\.\d+)?", re.IGNORECASE)
 _ENTRIES = 11
 """of a command after its name; more are not read"""
@@ -37,6 +43,14 @@ class HeldRegion(NamedTuple):
 
     name: str
     values: Mapping[str, float]
+    nodes: frozenset[int]
+
+
+class SlidingRegion(NamedTuple):
+    """Nodes that stay in planes of one normal (3,): a component, some of whose nodes may be held along it by others."""
+
+    name: str
+    normal: Vector
     nodes: frozenset[int]
 
 
@@ -67,6 +81,7 @@ class Conditions:
         held: displacements by axis and node.
         forces: components by node.
         pressed: pressures by element and Ansys' number of the face.
+        equations: nodes, and unit directions along which they do not move.
         acceleration: of the frame, whose opposite acts on the body.
         damaged: commands with what is not a number.
         not_read: commands that are not read, and how many.
@@ -76,6 +91,7 @@ class Conditions:
         self.held: dict[str, dict[int, float]] = {}
         self.forces: dict[int, list[float]] = {}
         self.pressed: dict[tuple[int, int], float] = {}
+        self.equations: list[tuple[int, Vector]] = []
         self.acceleration: Vector = (0.0, 0.0, 0.0)
         self.damaged: list[str] = []
         self.not_read = Counter[str]()
@@ -127,6 +143,22 @@ class Conditions:
         key = int(fortran_number(entries[1] or "1"))
         self.pressed |= {(element, key): next(iter(sizes), 0.0) for element in elements}
 
+    def _read_equation(self, entries: Sequence[str], next_line: Callable[[], str]) -> None:
+        """Read a constraint equation of one node, without a constant."""
+        terms = [entries[i : i + 3] for i in (2, 5, 8) if entries[i]]
+        nodes, labels = {node for node, _, _ in terms}, [label.upper() for _, label, _ in terms]
+        node = next(iter(nodes), "")
+        has_number = entries[0].upper() == "NEXT" and len(nodes) == 1 and node.isdigit()
+        if not has_number or not set(labels) <= _LABELS.keys() or fortran_number(entries[1] or "0"):
+            self.not_read["CE"] += 1
+            return
+        parts = [0.0, 0.0, 0.0]
+        for label, (_, _, factor) in zip(labels, terms, strict=True):
+            parts["xyz".index(_LABELS[label])] += fortran_number(factor or "1")
+        if size := hypot(*parts):
+            x, y, z = (part / size for part in parts)
+            self.equations.append((int(node), (x, y, z)))
+
     def _read_acceleration(self, entries: Sequence[str], next_line: Callable[[], str]) -> None:
         x, y, z = (fortran_number(entry or "0") for entry in entries[:3])
         self.acceleration = (x, y, z)
@@ -159,6 +191,7 @@ class Conditions:
         "D": _read_support,
         "F": _read_force,
         "SFE": _read_pressure,
+        "CE": _read_equation,
         "ACEL": _read_acceleration,
         "CMSE": _read_selection,
         "NSEL": _read_node_selection,
@@ -179,6 +212,25 @@ class Conditions:
                 rest.setdefault(axis, {}).update(dict.fromkeys(left, value))
         yield from (HeldRegion(name, values, components[name]) for name, values in found.items())
         yield from (HeldRegion(*group) for group in held_groups(rest))
+
+    def sliding_regions(self) -> Iterator[SlidingRegion]:
+        """Yield planes in which the nodes of a component stay, by equations or since other supports hold them."""
+        planes: list[tuple[Vector, set[int]]] = []
+        for node, normal in self.equations:
+            same = (nodes for other, nodes in planes if abs(abs(sum(map(mul, normal, other))) - 1) < _FLAT**2)
+            if (nodes := next(same, None)) is None:
+                planes.append((normal, nodes := set()))
+                if len(planes) > _MOST_PLANES:
+                    return
+            nodes.add(node)
+        components = sorted(self._components().items(), key=lambda item: len(item[1]))
+        for normal, nodes in planes:
+            axes = [axis for axis, part in zip("xyz", normal, strict=True) if abs(part) > _FLAT]
+            for name, members in components:
+                rest = members - nodes
+                if members >= nodes and all(self.held.get(axis, {}).get(node) == 0 for node in rest for axis in axes):
+                    yield SlidingRegion(name, normal, frozenset(nodes))
+                    break
 
     def force_regions(self, shapes: Mapping[int, Shape]) -> Iterator[ForceRegion]:
         """Yield the forces of each load, on a component if it has the same nodes."""

@@ -149,6 +149,8 @@ def _add_conditions(deck: Deck, archive: Archive) -> None:
         held.setdefault(region.name, {}).update(region.values)
     for name, values in held.items():
         deck.support(name, values)
+    for sliding in conditions.sliding_regions():
+        deck.supports.append({"region": sliding.name, "fix": ["normal"], "normal": list(sliding.normal)})
     for pressed in conditions.pressed_regions(shapes):
         pressure = Measure(pressed.pressure, stress=1)
         deck.effects.append({"effect": "pressure", "region": pressed.name, "pressure": pressure})
@@ -166,6 +168,8 @@ def _not_read(archive: Archive) -> Iterator[str]:
     held = {(axis, node) for region in regions for axis in region.values for node in region.nodes}
     if len(held) < sum(map(len, conditions.held.values())):
         yield "D of more than 20 different displacements of nodes that are not a component"
+    if missing := len(conditions.equations) - sum(len(region.nodes) for region in conditions.sliding_regions()):
+        yield f"CE of {missing:,} nodes that are not a component in a plane"
     if sum(len(region.forces) for region in conditions.force_regions(shapes)) < len(conditions.forces):
         yield "F of more than 20 different directions"
     pressed = sum(map(bool, conditions.pressed.values()))

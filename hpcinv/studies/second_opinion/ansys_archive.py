@@ -25,11 +25,13 @@ from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.job.rules import wants_pressure
 from hpcinv.mesh.source import Ints, MeshSource
 from hpcinv.physics.materials import MaterialLaw
+from hpcinv.studies.second_opinion.ansys_slides import slide_lines
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
-from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
+from hpcinv.studies.second_opinion.loaded_body import Ability, Held, LoadedBody
 from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.uniform_values import is_uniform
 
+ABILITIES: tuple[Ability, ...] = ("slides",)
 _UNITS = {1.0: "SI", 1e-3: "MPA"}
 """systems of units that Ansys names, by their unit of length (m)"""
 _RESIDUAL = 1e-8
@@ -133,6 +135,7 @@ def _step(
     yield f"CNVTOL,F,,{_RESIDUAL!r}\nOUTRES,ALL,LAST\n"
     for held in body.held:
         yield from _held(held, mesh, deck, unit)
+    yield from slide_lines(body, mesh, deck.nodes)
     if body.density and body.acceleration.any():  # of the frame: the body is pulled the other way
         yield f"ACEL,{','.join(number(0.0 - float(part) / unit) for part in body.acceleration)}\n"
     for group, pressure in body.pressures:
