@@ -152,10 +152,11 @@ def _export(options: argparse.Namespace) -> int:
 def _export_deck(options: argparse.Namespace, unit: float) -> int:
     """Write what another program needs to load the rest shape."""
     from hpcinv.studies.second_opinion import ansys_archive, calculix_deck, febio_model
+    from hpcinv.studies.second_opinion.input_file import write_input_file
     from hpcinv.studies.second_opinion.loaded_body import WRITERS, loaded_body
 
     programs: dict[str, tuple[Any, Any, Any]] = {
-        ".inp": (calculix_deck.write_deck, calculix_deck.LOADS, calculix_deck.ABILITIES),
+        ".inp": (write_input_file, calculix_deck.LOADS, calculix_deck.ABILITIES),
         ".feb": (febio_model.write_model, febio_model.LOADS, ()),
         ".cdb": (ansys_archive.write_archive, WRITERS, ansys_archive.ABILITIES),
         ".dat": (ansys_archive.write_archive, WRITERS, ansys_archive.ABILITIES),

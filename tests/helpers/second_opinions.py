@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import hpcinv
 from helpers.verification import job
@@ -62,5 +63,6 @@ def reaches_given_body(run: Path, again: Job, **data: Any) -> float:
     rest, given = (read_shape(run, shape).points for shape in ("undeformed", "deformed"))
     changes = {"discretisation": BLOCK["discretisation"], "certificate": "off", **data}
     loaded = hpcinv.run(again.with_(changes), MPI.COMM_SELF, progress=False)
-    np.testing.assert_allclose(loaded.given_in_file, rest, rtol=0, atol=1e-8)
-    return float(np.abs(loaded.shape_in_file - given).max() / np.abs(given - rest).max())
+    distances, rows = cKDTree(rest).query(loaded.given_in_file)
+    assert distances.max() < 1e-8
+    return float(np.abs(loaded.shape_in_file - given[rows]).max() / np.abs(given - rest).max())

@@ -106,6 +106,7 @@ OWN = {
     "studies/second_opinion/febio.py: path": "just written by FEBio",
     "studies/second_opinion/program_run.py: log": "just written by the other program",
     "studies/second_opinion/calculix_deck.py: plain": "just written",
+    "studies/second_opinion/calculix_shell.py: plain": "just written",
     "geometry/workshop/cad_refit.py: str(brep)": "just written",
     "geometry/workshop/cad_refit.py: str(step)": "just written",
     "geometry/workshop/cad_refit.py: brep": "just written",

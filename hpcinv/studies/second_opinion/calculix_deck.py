@@ -19,7 +19,7 @@ from hpcinv.formats.cards.card import Values
 from hpcinv.formats.inp import number
 from hpcinv.formats.readers.elements import elements_of, faces_of
 from hpcinv.geometry.workshop.cell_mesh import write_cells
-from hpcinv.mesh.source import Ints, MeshSource
+from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.physics.effects.elastic_foundation import ElasticFoundation
 from hpcinv.physics.effects.thermal_expansion import ThermalExpansion
 from hpcinv.physics.materials import MaterialLaw
@@ -36,7 +36,7 @@ from hpcinv.studies.second_opinion.calculix_springs import spring_lines
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Ability, LoadedBody, Writers, add_foundation
 
 type Program = Literal["calculix", "abaqus"]
-ABILITIES: tuple[Ability, ...] = ("slides", "remote")
+ABILITIES: tuple[Ability, ...] = ("slides", "remote", "shells")
 LOADS: Writers = {**WRITERS, ElasticFoundation: add_foundation, ThermalExpansion: add_expansion}
 """What is written; every other effect is refused by its name."""
 CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"
@@ -131,9 +131,9 @@ def _model(posed: _Posed) -> Iterator[str]:
     """Yield sets, materials, sections, what springs and couplings are, and what is fixed."""
     body, mesh, unit = posed.body, posed.mesh, posed.unit
     yield f"*NSET, NSET={NODES}\n"
-    yield from _rows(posed.deck.tags.tolist())
+    yield from set_rows(posed.deck.tags.tolist())
     yield f"*ELSET, ELSET={CELLS}\n"
-    yield from _rows(mesh.cell_tags.tolist())
+    yield from set_rows(mesh.cell_tags.tolist())
     for region, law in body.laws.items():
         yield from _material(body, region, law, unit)
     yield from posed.frames.lines(mesh.node_tags, posed.deck.nodes)
@@ -147,7 +147,7 @@ def _material(body: LoadedBody, region: str, law: MaterialLaw, unit: float) -> I
     """Yield the material of a region, or of the whole body, and its section."""
     name = region or "BODY"
     yield from orientation_lines(body, law, name)
-    yield _card(law, name, unit)
+    yield card_of(law, name, unit)
     if body.density:
         yield f"*DENSITY\n{number(body.density * unit**4)}\n"
     yield from expansion_lines(body)
@@ -155,7 +155,8 @@ def _material(body: LoadedBody, region: str, law: MaterialLaw, unit: float) -> I
     yield f"*SOLID SECTION, ELSET={region or CELLS}, MATERIAL={name}{f', ORIENTATION={axes}' if axes else ''}\n"
 
 
-def _card(law: MaterialLaw, name: str, unit: float) -> str:
+def card_of(law: MaterialLaw, name: str, unit: float) -> str:
+    """Return the card of a law; raise ``OutputError`` if it has none."""
     try:
         return abaqus.write(Values(law, abaqus.PROGRAM, unit**-2), name)
     except JobError as error:
@@ -184,35 +185,44 @@ def _held(posed: _Posed, *, moved: bool) -> Iterator[str]:
 
 def _step(posed: _Posed) -> Iterator[str]:
     """Yield the step, with what is moved, loads and output."""
-    yield "*STEP, NLGEOM, INC=1000\n*STATIC\n0.1, 1., 1e-6, 1.\n"
-    if posed.program == "calculix":
-        yield f"*CONTROLS, PARAMETERS=FIELD\n{_RESIDUAL!r}, {_RESIDUAL!r}, 0.01, , 0.02, {_RESIDUAL!r}\n"
+    body = posed.body
+    yield from step_head(posed.program)
     yield from _held(posed, moved=True)
-    yield from _loads(posed)
-    forces = [*remote_forces(posed.body, posed.program, posed.first_node, posed.unit), *_nodal_forces(posed)]
-    if forces:
-        yield from ("*CLOAD\n", *forces)
-    yield f"*NODE FILE\nU\n*NODE PRINT, NSET={NODES}, FREQUENCY=10000, GLOBAL=YES\nU\n*END STEP\n"
-
-
-def _loads(posed: _Posed) -> Iterator[str]:
-    """Yield weight and pressures."""
-    body, mesh, unit = posed.body, posed.mesh, posed.unit
     yield from last_temperature(body, NODES)
+    yield from weight_lines(body, posed.unit)
+    for group, pressure in body.pressures:
+        yield "*DLOAD\n"
+        for cell, face in faces_of(posed.mesh, group, posed.elements):
+            yield f"{posed.mesh.cell_tags[cell]}, P{face + 1}, {number(pressure * posed.unit**2)}\n"
+    on_references = remote_forces(body, posed.program, posed.first_node, posed.unit)
+    if forces := [*on_references, *nodal_forces(posed.frames.local(body.forces), posed.deck)]:
+        yield from ("*CLOAD\n", *forces)
+    yield from output_lines()
+
+
+def step_head(program: Program) -> Iterator[str]:
+    """Yield the begin of a step."""
+    yield "*STEP, NLGEOM, INC=1000\n*STATIC\n0.1, 1., 1e-6, 1.\n"
+    if program == "calculix":
+        yield f"*CONTROLS, PARAMETERS=FIELD\n{_RESIDUAL!r}, {_RESIDUAL!r}, 0.01, , 0.02, {_RESIDUAL!r}\n"
+
+
+def weight_lines(body: LoadedBody, unit: float) -> Iterator[str]:
+    """Yield gravity, if there is any."""
     if (size := float(np.linalg.norm(body.acceleration))) and body.density:
         direction = ", ".join(number(float(g) / size) for g in body.acceleration)
         yield f"*DLOAD\n{CELLS}, GRAV, {number(size / unit)}, {direction}\n"
-    for group, pressure in body.pressures:
-        yield "*DLOAD\n"
-        for cell, face in faces_of(mesh, group, posed.elements):
-            yield f"{mesh.cell_tags[cell]}, P{face + 1}, {number(pressure * unit**2)}\n"
 
 
-def _nodal_forces(posed: _Posed) -> Iterator[str]:
-    """Yield forces at nodes, along the axes of these."""
-    forces = posed.frames.local(posed.body.forces)[posed.deck.nodes]
-    for tag, force in zip(posed.deck.tags.tolist(), forces.tolist(), strict=True):
+def nodal_forces(forces: Floats, deck: Deck) -> Iterator[str]:
+    """Yield lines of forces (n, 3) at the body's nodes that are not zero."""
+    for tag, force in zip(deck.tags.tolist(), forces[deck.nodes].tolist(), strict=True):
         yield from (f"{tag}, {axis}, {number(component)}\n" for axis, component in enumerate(force, 1) if component)
+
+
+def output_lines() -> Iterator[str]:
+    """Yield requests of displacements, and the end of the step."""
+    yield f"*NODE FILE\nU\n*NODE PRINT, NSET={NODES}, FREQUENCY=10000, GLOBAL=YES\nU\n*END STEP\n"
 
 
 def expected_table(body: LoadedBody, deck: Deck, unit: float) -> str:
@@ -225,6 +235,7 @@ def expected_table(body: LoadedBody, deck: Deck, unit: float) -> str:
     return text.getvalue()
 
 
-def _rows(entries: Sequence[int]) -> Iterator[str]:
+def set_rows(entries: Sequence[int]) -> Iterator[str]:
+    """Yield lines of a set."""
     for start in range(0, len(entries), _PER_LINE):
         yield f"{', '.join(map(str, entries[start : start + _PER_LINE]))}\n"

@@ -13,7 +13,7 @@ from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.job_regions import with_job_regions
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
-from hpcinv.job.body_kinds import SOLID
+from hpcinv.job.body_kinds import SHELL, SOLID
 from hpcinv.job.job import Job
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -97,7 +97,7 @@ class LoadedBody:
 
 
 type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
-type Ability = Literal["slides", "remote"]
+type Ability = Literal["slides", "remote", "shells"]
 """parts of a body that not every program has"""
 
 
@@ -114,7 +114,7 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
     """
     doubt = unchecked(run)
     job = RunDirectory(run).job(None)
-    _refuse(run, _kinds_without_deck(job))
+    _refuse(run, _kinds_without_deck(job, abilities))
     rest, loaded = read_shape(run, UNDEFORMED), read_shape(run, DEFORMED)
     if rest.degree < job.discretisation.displacement or max(left_out(run, rest), left_out(run, loaded)) > 0:
         raise OutputError(
@@ -141,15 +141,31 @@ def _refuse(run: Path, faults: Iterable[str]) -> None:
         raise OutputError(f"{run}: a deck cannot say:\n{text}", "Solve a job without it, and export that.")
 
 
-def _kinds_without_deck(job: Job) -> Iterator[str]:
-    """Yield what is not written for any program yet."""
+def _kinds_without_deck(job: Job, abilities: Collection[Ability]) -> Iterator[str]:
+    """Yield what is not written for any program yet, and shells if a program has none."""
     if job.states:
         yield "states: a deck has one state"
-    if job.mesh.kind is not SOLID:
+    if job.mesh.kind is SHELL and "shells" in abilities:
+        yield from _parts_without_shell(job)
+    elif job.mesh.kind is not SOLID:
         yield f"mesh.{job.mesh.kind.name}: only solids are written"
     for section in ("cavities", "interfaces", "accuracy"):
         if getattr(job, section):
             yield f"{section}: not written"
+
+
+def _parts_without_shell(job: Job) -> Iterator[str]:
+    """Yield what elements of shells of other programs cannot have."""
+    shell = job.mesh.shell
+    if shell is not None and shell.layers:
+        yield "mesh.shell.layers: only shells of one layer are written"
+    if shell is not None and shell.surface != "middle":
+        yield f"mesh.shell.surface: '{shell.surface}': only the middle is written"
+    if len(job.laws) > 1:
+        yield "material: a shell has one law in a deck"
+    for number, support in enumerate(job.supports):
+        if support.slides or support.remote is not None:
+            yield f"supports[{number}]: slides and remote loads of shells are not written"
 
 
 def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Iterator[str]:
@@ -165,6 +181,9 @@ def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Ite
             continue
         group = group_of(body.rest, support.region)
         nodes = np.unique(body.rest.facets[group.members])
+        if support.hinge:  # of one layer: the nodes half way
+            count = len(body.rest.points) // 3
+            nodes = nodes[(nodes >= count) & (nodes < 2 * count)]
         for axis in sorted(AXES.index(axis) for axis in support.held):
             values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
             body.held.append(Held(place, nodes, axis, values, support.region))

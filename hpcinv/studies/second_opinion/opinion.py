@@ -177,6 +177,8 @@ def _with_their_elements(
 
     Its elements are ours without the unknown pressure, but for hexahedra of degree 2.
     """
+    if element == "S8R":
+        return None, "ours have columns of three nodes, and it makes solids of one element through the thickness"
     if element == "C3D20":
         return None, "ours have 27 nodes"
     if program.mixed and (job.is_mixed or wants_pressure(job.laws)):

@@ -9,6 +9,7 @@ from pathlib import Path
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.studies.second_opinion import calculix, calculix_deck, febio, febio_model
 from hpcinv.studies.second_opinion.calculix_deck import Deck
+from hpcinv.studies.second_opinion.input_file import write_input_file
 from hpcinv.studies.second_opinion.loaded_body import Ability, LoadedBody, Writers
 
 
@@ -44,7 +45,7 @@ PROGRAMS: Mapping[str, Program] = {
         ".inp",
         calculix_deck.LOADS,
         calculix_deck.ABILITIES,
-        calculix_deck.write_deck,
+        write_input_file,
         calculix.command,
         calculix.displacements,
         lambda executable, deck: calculix.version(executable),
