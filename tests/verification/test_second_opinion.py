@@ -118,6 +118,15 @@ def test_calculix_loads_the_rest_shape_into_the_given_body(hexahedra: bool, tmp_
 
 
 @needs_calculix
+def test_linear_displacements_of_cells_with_middle_nodes_are_not_decided(tmp_path: Path) -> None:
+    opinion = second_opinion(solved(tmp_path, mesh=BODY["mesh"] | {"geometry_degree": 2}), None, 60)
+    assert opinion.element == "C3D10"
+    assert opinion.largest > 1e-2 * opinion.displacement
+    assert opinion.verdict is Verdict.UNDECIDED
+    assert "our displacements are linear" in opinion.reason
+
+
+@needs_calculix
 def test_a_job_asks_for_a_second_opinion(tmp_path: Path) -> None:
     run = solved(tmp_path, second_opinion="calculix")
     assert certificate(run)[-1] == ("second opinion", "pass")

@@ -183,6 +183,8 @@ def _with_their_elements(
         return None, "ours have 27 nodes"
     if program.mixed and (job.is_mixed or wants_pressure(job.laws)):
         return None, program.mixed
+    if body.rest.degree != job.discretisation.displacement:
+        return None, "our displacements are linear, and middle nodes of its elements move by themselves"
     if not job.is_mixed:
         return read_shape(run, DEFORMED).points, ""
     if any(support.moves for support in job.supports):
