@@ -169,6 +169,18 @@ def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(t
 
 
 @needs_calculix
+def test_hexahedra_with_20_nodes_explain_the_difference_to_ours_with_27(tmp_path: Path) -> None:
+    cells = BODY["mesh"] | {"parameters": SIZE | {"hexahedra": True}, "geometry_degree": 2}
+    spaces = {"displacement": 2, "formulation": "displacement"}
+    opinion = second_opinion(solved(tmp_path, mesh=cells, discretisation=spaces), None, 60)
+    assert opinion.by_elements is not None
+    assert opinion.apart is not None
+    assert opinion.by_elements == pytest.approx(opinion.largest, rel=1e-2)
+    assert opinion.largest > 5e-3 * opinion.displacement
+    assert opinion.apart < 2e-4 * opinion.displacement
+
+
+@needs_calculix
 @pytest.mark.parametrize("law", ["yeoh", "ogden"])
 def test_terms_of_the_volume_that_a_law_has_not_are_not_added(law: str, tmp_path: Path) -> None:
     cards = {

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hpcinv.base.files.names import is_file
-from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import HpcinvError, OutputError
-from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
-from hpcinv.interface import run as run_job
-from hpcinv.job.job import Job, load
-from hpcinv.job.rules import wants_pressure
-from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import write_on_this_rank
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody, loaded_body
 from hpcinv.studies.second_opinion.program_run import NoOpinion
-from hpcinv.studies.second_opinion.programs import PROGRAMS, Program
+from hpcinv.studies.second_opinion.programs import PROGRAMS
+from hpcinv.studies.second_opinion.same_elements import with_elements
 from hpcinv.trust.certificate import Line, Topic, Verdict
 from hpcinv.trust.certificate.check import with_line
 
@@ -144,7 +137,7 @@ def second_opinion(
     distances = np.linalg.norm(theirs - expected, axis=1)
     worst = int(distances.argmax())
     job = RunDirectory(run).job(None)
-    ours, reason = _with_their_elements(run, job, body, program, deck.element)
+    ours, reason = with_elements(run, job, body, program, deck.element)
     opinion = Opinion(
         f"{program.name} {program.version(executable, path)}".strip(),
         deck.element,
@@ -168,47 +161,6 @@ def _unit_of(body: LoadedBody) -> float:
 
 def _largest(vectors: Floats) -> float:
     return float(np.linalg.norm(vectors, axis=1).max())
-
-
-def _with_their_elements(
-    run: Path, job: Job, body: LoadedBody, program: Program, element: str
-) -> tuple[Floats | None, str]:
-    """Return the places (n, 3) to which we load the rest shape with the elements of a program, or why they are unknown.
-
-    Its elements are ours without the unknown pressure, but for hexahedra of degree 2.
-    """
-    if element == "S8R":
-        return None, "ours have columns of three nodes, and it makes solids of one element through the thickness"
-    if element == "C3D20":
-        return None, "ours have 27 nodes"
-    if program.mixed and (job.is_mixed or wants_pressure(job.laws)):
-        return None, program.mixed
-    if body.rest.degree != job.discretisation.displacement:
-        return None, "our displacements are linear, and middle nodes of its elements move by themselves"
-    if not job.is_mixed:
-        return read_shape(run, DEFORMED).points, ""
-    if any(support.moves for support in job.supports):
-        return None, "a support moves, as formulas and motions on the given body say"
-    if any(slide.plane_normal is None for slide in body.slides):
-        return None, "a support slides on a curved face, whose normals are of the given body"
-    on_given_body = ("first", "quantities", "expected_shape", "regions")  # the file of the rest shape has the regions
-    other: dict[str, Any] = {
-        **{key: value for key, value in job.data.items() if key not in on_given_body},
-        "analysis": "forward",
-        "certificate": "off",
-        "output": {"mesh": ["msh"], "fields": False},
-        "discretisation": {"displacement": job.discretisation.displacement, "formulation": "displacement"},
-    }
-    with tempfile.TemporaryDirectory() as directory:
-        file = Path(directory) / "rest.msh"
-        save(file, body.rest, body.rest.points)
-        other["mesh"] = {"file": str(file), "geometry_degree": job.discretisation.displacement}
-        try:
-            forward = load(other, directory=job.resolve(""))
-            run_job(forward, MPI.COMM_SELF, directory=Path(directory) / "run", progress=False)
-        except HpcinvError as error:
-            return None, error.message.splitlines()[0]
-        return read_shape(Path(directory) / "run", DEFORMED).points, ""
 
 
 def _record(run: Path, line: Line) -> None:

@@ -1,0 +1,77 @@
+"""A rest shape loaded here with the elements of another program, so that only the programs differ."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.errors import HpcinvError
+from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
+from hpcinv.interface import run as run_job
+from hpcinv.job.job import Job, load
+from hpcinv.job.rules import wants_pressure
+from hpcinv.mesh.mesh_files import save
+from hpcinv.mesh.source import Floats
+from hpcinv.studies.second_opinion.loaded_body import LoadedBody
+from hpcinv.studies.second_opinion.programs import Program
+from hpcinv.studies.second_opinion.twenty_nodes import loaded_with_20_nodes
+
+_OF_20_NODES = ("C3D20", "hex20")
+_ON_GIVEN_BODY = ("first", "quantities", "expected_shape", "regions")
+"""sections of a job that the forward run has not; the file of the rest shape has the regions"""
+
+
+def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, element: str) -> tuple[Floats | None, str]:
+    """Return the places (n, 3), m, of the rest shape under load with an element of a program, or why not.
+
+    Its elements are ours without the unknown pressure, but for hexahedra of degree 2, which may have 20 nodes.
+    """
+    if reason := _unlike(job, body, program, element):
+        return None, reason
+    if element not in _OF_20_NODES and not job.is_mixed:
+        return read_shape(run, DEFORMED).points, ""
+    if reason := _not_comparable(job, body, element):
+        return None, reason
+    degree = job.discretisation.displacement
+    changes: dict[str, Any] = {
+        "analysis": "forward",
+        "certificate": "off",
+        "output": {"mesh": ["msh"], "fields": False},
+        "discretisation": {"displacement": degree, "formulation": "displacement"},
+    }
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "rest.msh"
+        save(file, body.rest, body.rest.points)
+        mesh = {"file": str(file), "geometry_degree": degree}
+        kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
+        try:
+            forward = load({**kept, **changes, "mesh": mesh}, directory=job.resolve(""))
+            if element in _OF_20_NODES:
+                places = loaded_with_20_nodes(forward, body.rest, body.loaded)
+                return places, "" if places is not None else "Newton's iteration with 20 nodes fails"
+            run_job(forward, MPI.COMM_SELF, directory=Path(directory) / "run", progress=False)
+        except HpcinvError as error:
+            return None, error.message.splitlines()[0]
+        return read_shape(Path(directory) / "run", DEFORMED).points, ""
+
+
+def _unlike(job: Job, body: LoadedBody, program: Program, element: str) -> str:
+    """Return why we have no such elements; empty if we have them."""
+    if element == "S8R":
+        return "ours have columns of three nodes, and it makes solids of one element through the thickness"
+    if body.rest.degree != job.discretisation.displacement:
+        return "our displacements are linear, and middle nodes of its elements move by themselves"
+    return program.mixed if job.is_mixed or wants_pressure(job.laws) else ""
+
+
+def _not_comparable(job: Job, body: LoadedBody, element: str) -> str:
+    """Return why the forward run would have other supports than the deck; empty if it has the same."""
+    if any(support.moves for support in job.supports):
+        return "a support moves, as formulas and motions on the given body say"
+    if any(slide.plane_normal is None for slide in body.slides):
+        return "a support slides on a curved face, whose normals are of the given body"
+    if element in _OF_20_NODES and (body.slides or body.remotes):
+        return "a support is not along an axis, and ours have 27 nodes"
+    return ""

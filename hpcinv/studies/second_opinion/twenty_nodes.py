@@ -1,0 +1,104 @@
+"""Hexahedra with the 20 nodes on edges of other programs: displacements in faces and cells follow from those on edges.
+
+With ``u = T v`` of the displacements v on edges, our residual R and tangent K of 27 nodes give Newton's iteration
+``Tᵀ K T Δv = -Tᵀ R(T v)`` of elements with 20 nodes: T has their shape functions at the other nodes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import Timings
+from hpcinv.job.job import Job
+from hpcinv.mesh import build_body
+from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.refine.degree import centre_weights, serendipity
+from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.model.assembly.system import System
+from hpcinv.solver.equations import Equations
+
+_MOST_STEPS = 12
+_SETTLED = 1e-10
+"""Newton step, relative to the largest displacement, after which it ends. Raised, fewer digits can be compared."""
+
+
+def loaded_with_20_nodes(job: Job, rest: MeshSource, start: Floats) -> Floats | None:
+    """Return the places (n, 3), m, of the loaded nodes with 20 of each cell; ``None`` if Newton's iteration fails.
+
+    Args:
+        job: a forward analysis of the displacement alone, with supports that do not move.
+        rest: the rest shape, in hexahedra of degree 2.
+        start: places (n, 3), m, near to them.
+    """
+    body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve, degree=2, replacement=_edged(rest))
+    equations = Equations(job, body, Timings())
+    system = System(equations.weak_form("forward"), equations.supports, Timings())
+    nodes = body.mesh.geometry.input_global_indices[body.mesh.geometry.dofmaps[0]]
+    cells = equations.unknowns.displacement_space.dofmap.list
+    file_nodes = np.empty(len(rest.points), dtype=np.int64)
+    file_nodes[cells] = nodes
+    interpolation = _interpolation(rest.kind, cells, len(rest.points))
+    is_free = np.ones(3 * len(rest.points))
+    equations.supports.free(is_free)
+    free = np.flatnonzero((is_free > 0) & (interpolation.diagonal() > 0))
+    to_all = interpolation[:, free].tocsr()
+    length = equations.scales.length
+    values = (start - body.source.points)[file_nodes].ravel()[free] / length
+    for _ in range(_MOST_STEPS):
+        equations.put_displacement(to_all @ values)
+        system.linearise(1.0)
+        if system.fault() is not None:
+            return None
+        system.residual(system.rhs)
+        step = _solved(to_all, system.matrix, system.rhs.array)
+        values -= step
+        if np.abs(step).max() <= _SETTLED * np.abs(values).max():
+            places = body.source.points.copy()
+            places[file_nodes] += length * (to_all @ values).reshape(-1, 3)
+            return places
+    return None
+
+
+def _edged(rest: MeshSource) -> MeshSource:
+    """Return the rest shape with the geometry that 20 nodes have."""
+    return dataclasses.replace(rest, points=serendipity(rest.kind, rest.cells, rest.points))
+
+
+def _interpolation(kind: str, cells: Ints, count: int) -> sparse.csc_matrix:
+    """Return T, with rows and columns for displacements at all nodes; columns of nodes in faces and cells are zero."""
+    weights = np.eye(scalar_element(kind, 2).dim)
+    for node, row in centre_weights(kind):
+        weights[node] = row
+    rows, columns = (
+        np.broadcast_to(part, (len(cells), *weights.shape)) for part in (cells[:, :, None], cells[:, None])
+    )
+    values = np.broadcast_to(weights, rows.shape)
+    used = values != 0.0
+    places = np.stack([rows[used], columns[used]])
+    distinct, first = np.unique(places, axis=1, return_index=True)  # cells agree on the nodes that they share
+    matrix = sparse.coo_matrix((values[used][first], distinct), shape=(count, count))
+    return sparse.kron(matrix, sparse.eye(3)).tocsc()
+
+
+def _solved(to_all: sparse.csr_matrix, tangent: PETSc.Mat, residual: Floats) -> Floats:
+    indices, columns, entries = tangent.getValuesCSR()
+    matrix = (to_all.T @ sparse.csr_matrix((entries, columns, indices)) @ to_all).tocsr()
+    matrix.sort_indices()
+    left = PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)
+    solver = PETSc.KSP().create(PETSc.COMM_SELF)
+    solver.setOperators(left)
+    solver.setType("preonly")
+    solver.pc.setType("lu")
+    solver.pc.setFactorSolverType("mumps")
+    right, found = left.createVecRight(), left.createVecRight()
+    right.array[:] = to_all.T @ residual
+    solver.solve(right, found)
+    step: Floats = found.array.copy()
+    solver.destroy()
+    left.destroy()
+    return step
