@@ -108,7 +108,7 @@ def test_remote_loads_turn_a_face_as_ours_and_are_read_back(direction: str, tmp_
 
 
 @needs_calculix
-def test_thermal_expansion_up_to_two_percent_is_as_ours(tmp_path: Path) -> None:
+def test_small_thermal_expansion_is_as_ours(tmp_path: Path) -> None:
     heat = {"effect": "thermal-expansion", "coefficient": 2e-4, "temperature_change": 50}
     run = solved(
         tmp_path, effects=[*BLOCK["effects"], heat], supports=[*BLOCK["supports"], {"region": "y1", "fix": ["y"]}]
