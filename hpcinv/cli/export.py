@@ -117,7 +117,18 @@ def _export(options: argparse.Namespace) -> int:
         return _export_cells(options, unit)
     if (other := program_of(options.to)) is not None:
         return other(options, unit)
+    return _export_solid(options, unit, wall, tolerance, refit, plane)
 
+
+def _export_solid(
+    options: argparse.Namespace,
+    unit: float,
+    wall: float,
+    tolerance: float,
+    refit: float | None,
+    plane: tuple[int, float | None] | None,
+) -> int:
+    """Write a closed surface or a solid, and its mould."""
     from hpcinv.geometry.workshop.formats import check, write
     from hpcinv.geometry.workshop.mould import Mould, Split, mould
     from hpcinv.geometry.workshop.run_shapes import read_shape

@@ -80,14 +80,18 @@ def faults_of_interfaces(
         if isinstance(effect, Contact) and effect.is_paired
     ]
     for place, interface in places:
-        if interface.kind == "contact":
-            yield from (((*place, "closure"), text) for text in fault_of_closure(interface, directions))
-        if interface.known.model_fields_set and not uncertainty:
-            yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
-        if interface.friction and uncertainty and place[0] == "effects":
-            yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"
+        yield from _faults_of_one(place, interface, directions, uncertainty)
     if uncertainty and not any(interface.closure for _, interface in places):
         yield ("uncertainty",), "needs an interface of 'kind: contact' with a 'closure'; leave it out"
+
+
+def _faults_of_one(place: KeyPath, interface: Interface, directions: Sequence[str], uncertainty: str | None) -> Faults:
+    if interface.kind == "contact":
+        yield from (((*place, "closure"), text) for text in fault_of_closure(interface, directions))
+    if interface.known.model_fields_set and not uncertainty:
+        yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
+    if interface.friction and uncertainty and place[0] == "effects":
+        yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"
 
 
 def interface_of(contact: Contact) -> Interface:

@@ -130,30 +130,25 @@ class WeakForm:
         effect_data = _effect_data(job, fields, par)
         named = tuple(zip((where for where, _ in job.named_effects), effect_data, strict=True))
         self.contacts = _contacts(job, named, fields, unknowns, kin, scales)
-        directions = {
-            name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
-            for i, (name, family) in enumerate(job.families.items(), start=count + len(effect_data))
-        }
+        directions = _directions(job, kin, par, count + len(effect_data))
         self.H = H = Variable(kin.H, LABEL)
         source = fields.body.source
         is_one_layer = source_of(source.body_kind).corrects_shear(source, job.discretisation.displacement)
         total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
         strains = [*_strains(effect_data, total, kin.data_state)]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
-        own = [strain for effect, strain in strains if effect.writes_its_stress]
-        self._own = own
+        self._own = own = [strain for effect, strain in strains if effect.writes_its_stress]
         self._reference_elastic = _elastic(Deformation(ufl.zero(3, 3), directions), own)[0] if own else None
         self._laws = tuple(job.laws.values())
         potentials = [*_potentials(named, total)]
         self.parts = tuple(
-            _part(law, par.quantities(i), elastic, J_g, potentials, unknowns.p, H, cells[i] if cells else None)
-            for i, law in enumerate(job.laws.values())
+            _part(law, par.quantities(i), elastic, J_g, potentials, unknowns.p, H, own_cells)
+            for i, (law, own_cells) in enumerate(zip(job.laws.values(), cells or (None,) * count, strict=True))
         )
         for (where, law), part in zip(job.laws.items(), self.parts, strict=True):
             noted(where, law.isochoric_energy, part.energy)
         self._strains, self._potentials = [strain for _, strain in strains], potentials
-        works = [external_work(where, effect, kin, unknowns.v, load, p) for where, (effect, load, p) in named]
-        self._works = [work for work in works if work is not None]
+        self._works = [*_works(named, kin, unknowns.v)]
         constraints = constraint_forms(named, kin, unknowns.u)
         self.constraints = {place: ConstraintIntegral(form, unknowns, par) for place, form in constraints}
         self.residual = self._residual()
@@ -357,6 +352,21 @@ def _elastic(total: Deformation, strains: Iterable[Any]) -> tuple[Deformation, A
         stretch = Deformation(strain)
         elastic, J_g = elastic.elastic_part(stretch), J_g * stretch.J
     return elastic, J_g
+
+
+def _directions(job: Job, kin: Kinematics, par: Parameters, first: int) -> dict[str, Any]:
+    """Return unit vectors of the fibres in the reference body; in ``par`` they begin at the first owner."""
+    return {
+        name.removeprefix("fibres."): _unit(kin.data_state, family.given_on, par.quantities(i).direction)
+        for i, (name, family) in enumerate(job.families.items(), start=first)
+    }
+
+
+def _works(named: Iterable[tuple[str, Any]], kin: Kinematics, v: Any) -> Iterator[Any]:
+    for where, (effect, load, quantities) in named:
+        work = external_work(where, effect, kin, v, load, quantities)
+        if work is not None:
+            yield work
 
 
 def _unit(kin: Kinematics | OtherState, given_on: str, direction: Any) -> Any:

@@ -22,6 +22,10 @@ from hpcinv.trust.certificate import Estimate
 _SIDES = 2  # parts of each side of a curved facet
 
 
+def _named_regions(body: Body) -> dict[str, Region]:
+    return {name: region for name, region in body.regions.items() if region.origin != "built in"}
+
+
 def _in_regions(regions: Mapping[str, Region], facets: LocalIndices, cells: LocalIndices) -> dict[str, Floats]:
     """Return by ``region:NAME`` whether facets, or the cells behind them, are in a region (n, 1)."""
     return {
@@ -48,7 +52,7 @@ def boundary_of(
         overlapping: states in which the computed body passes through itself, by the certificate.
     """
     solutions = of_states(solutions)
-    regions = {name: region for name, region in body.regions.items() if region.origin != "built in"}
+    regions = _named_regions(body)
 
     widths = dict[str, int]()  # numbers of each field in a cell
 
@@ -67,17 +71,15 @@ def boundary_of(
         return None
     cut = cut_of(given)
     values = _columns(given.values[cut.facet], widths)
-    shapes = zip(solutions, (surface for surface in others if surface is not None), strict=True)
-    results = tuple(
-        # Further states are solved from one shape.
-        _result(cut_of(rest) if i else cut, surface, solution, values, i, families, solution.state in overlapping)
-        for i, (solution, surface) in enumerate(shapes)
-    )
+    meshes = [cut, *[cut_of(rest)] * (len(solutions) - 1)]  # further states are solved from one shape
     return Boundary(
         points=cut.points,
         triangles=cut.corners,
         regions={name: values[f"region:{name}"][:, 0] > 0 for name in regions},
-        results=results,
+        results=tuple(
+            _result(meshes[i], surface, solution, values, i, families, solution.state in overlapping)
+            for i, (solution, surface) in enumerate(zip(solutions, filter(None, others), strict=True))
+        ),
         fibres={name: values[f"fibre:{name}"] for name in families} if solutions else {},
         error=values["error"][:, 0] if estimate else None,
         body_kind=body.source.body_kind,

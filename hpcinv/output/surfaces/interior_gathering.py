@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.base.quantity.stress_measures import COMPONENTS
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import SIDES, facing
@@ -58,11 +59,7 @@ def interior_of(
     chosen = _distinct(keys[corners])
     used = np.unique(corners[chosen])
     places = middles[chosen % len(pattern)]
-    regions = {
-        name: region.cells
-        for name, region in body.regions.items()
-        if region.cell_count and (region.origin == "physical" or name in labels)
-    }
+    regions = _regions_of_cells(body, labels)
     marks = np.stack([np.isin(cells[chosen], members) for members in regions.values()] or [chosen < 0], axis=1)
     positions = [nodes, *(part for solution in solutions for part in (solution.mesh_nodes, solution.other_nodes))]
     parts = [_values(body, solution, cells[chosen], places) for solution in solutions]
@@ -78,6 +75,15 @@ def interior_of(
         )
     )
     return None if gathered is None else _joined(gathered, list(regions), len(solutions), is_joined=is_joined)
+
+
+def _regions_of_cells(body: Body, labels: Collection[str]) -> dict[str, LocalIndices]:
+    """Return the cells of groups of the mesh, and of the regions of a job with some names."""
+    return {
+        name: region.cells
+        for name, region in body.regions.items()
+        if region.cell_count and (region.origin == "physical" or name in labels)
+    }
 
 
 def _joined(gathered: Sequence[tuple[Any, ...]], names: Sequence[str], count: int, *, is_joined: bool) -> Interior:

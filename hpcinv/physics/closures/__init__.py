@@ -32,15 +32,19 @@ def contradicting_closure(contact: Any, other_keys: Sequence[str] = ()) -> Fault
         yield ("touches_within",), "must be positive"
     if contact.closure is None and contact.known.model_fields_set:
         yield ("known",), "is not valid without a 'closure': it bounds what that assumes"
-    closure = CLOSURES.get(contact.closure)
+    yield from _faults_of_keys(contact, other_keys)
+    if (closure := CLOSURES.get(contact.closure)) is not None:
+        yield from closure.faults(contact)
+
+
+def _faults_of_keys(contact: Any, other_keys: Sequence[str]) -> Faults:
+    """Yield keys of closures that are missing, or that belong to another closure."""
+    own = CLOSURES[contact.closure].keys if contact.closure in CLOSURES else ()
     for key in dict.fromkeys(key for kind in CLOSURES.values() for key in kind.keys):
-        is_needed = closure is not None and key in closure.keys
-        is_left = closure is None and key in other_keys
-        if is_needed != (getattr(contact, key) is not None) and not is_left:
+        is_left = contact.closure is None and key in other_keys
+        if (key in own) != (getattr(contact, key) is not None) and not is_left:
             names = [name for name, kind in CLOSURES.items() if key in kind.keys]
             yield (key,), f"must be given with 'closure: {' or '.join(names)}', and only then"
-    if closure is not None:
-        yield from closure.faults(contact)
 
 
 def fault_of_closure(contact: Any, directions: Sequence[str]) -> Iterator[str]:

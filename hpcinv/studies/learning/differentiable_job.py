@@ -17,7 +17,7 @@ from hpcinv.driver import run
 from hpcinv.errors import JobError
 from hpcinv.job.job import Job, load
 from hpcinv.job.sensitivities import fault_of_setting, stated_values, tied_parameters
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.output.result import Result
 from hpcinv.solver.methods.method import Guess
 from hpcinv.solver.workspace import Workspace
@@ -67,12 +67,8 @@ class DifferentiableJob:
         self._check()
         self._workspace = Workspace(comm)
         source = self._workspace.body(self.job).source
-        if source.is_partitioned and (self._arrays or NODES in self.inputs):
-            raise self._error("inputs by node or by cell need a mesh in one file, not a partitioned one")
+        arrays = self._arrays_in(source, comm)
         self._nodes = GivenNodes(self.job, self._workspace) if NODES in self.inputs else None
-        arrays = {name: comm.bcast(array.values) for name, array in source.data.items() if name in self._array_names}
-        if missing := [name for name in self._arrays.values() if name not in arrays]:
-            raise self._error(f"the mesh has no data array '{missing[0]}'")
         self.start = [np.array(self._start_of(key, arrays)) for key in self.inputs]
         self.input_shapes = tuple(value.shape for value in self.start)
         nodes = int(comm.allreduce(len(source.points)))
@@ -81,9 +77,15 @@ class DifferentiableJob:
         self._guesses: tuple[Guess, ...] = ()
         self._last: tuple[tuple[bytes, ...], Result] | None = None
 
-    @property
-    def _array_names(self) -> set[str]:
-        return set(self._arrays.values())
+    def _arrays_in(self, source: MeshSource, comm: MPI.Intracomm) -> dict[str, Floats]:
+        """Return the data arrays of the mesh that inputs replace, on all ranks."""
+        if source.is_partitioned and (self._arrays or NODES in self.inputs):
+            raise self._error("inputs by node or by cell need a mesh in one file, not a partitioned one")
+        names = set(self._arrays.values())
+        arrays = {name: comm.bcast(array.values) for name, array in source.data.items() if name in names}
+        if missing := [name for name in self._arrays.values() if name not in arrays]:
+            raise self._error(f"the mesh has no data array '{missing[0]}'")
+        return arrays
 
     def _start_of(self, key: str, arrays: Mapping[str, Floats]) -> Any:
         """Return the value of an input in the job; an array of one component has one axis."""
