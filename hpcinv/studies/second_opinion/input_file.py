@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hpcinv.job.body_kinds import SHELL
+from hpcinv.job.body_kinds import SHELL, SOLID
 from hpcinv.studies.second_opinion.calculix_deck import Deck, Program, write_deck
 from hpcinv.studies.second_opinion.calculix_shell import write_shell
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
@@ -12,5 +12,7 @@ from hpcinv.studies.second_opinion.loaded_body import LoadedBody
 
 def write_input_file(path: Path, body: LoadedBody, unit: float, program: Program = "calculix") -> Deck:
     """Write the deck of any body; as `hpcinv.studies.second_opinion.calculix_deck.write_deck`."""
-    write = write_shell if body.rest.body_kind == SHELL.name else write_deck
-    return write(path, body, unit, program)
+    return _WRITERS[body.rest.body_kind](path, body, unit, program)
+
+
+_WRITERS = {SOLID.name: write_deck, SHELL.name: write_shell}

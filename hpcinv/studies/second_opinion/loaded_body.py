@@ -13,7 +13,7 @@ from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.job_regions import with_job_regions
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
-from hpcinv.job.body_kinds import SHELL, SOLID
+from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
@@ -29,6 +29,7 @@ from hpcinv.studies.second_opinion.foundations import Foundation
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.remote_regions import RemoteRegion, remote_region
+from hpcinv.studies.second_opinion.shell_parts import unwritten_of_shells
 from hpcinv.studies.second_opinion.slides import Slide, slide_of
 
 _ON_SURFACE = "held along the normals of the loaded body, by the displacement that the run found"
@@ -97,7 +98,7 @@ class LoadedBody:
 
 
 type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
-type Ability = Literal["slides", "remote", "shells"]
+type Ability = Literal["slides", "remote", "shell"]
 """parts of a body that not every program has"""
 
 
@@ -142,30 +143,17 @@ def _refuse(run: Path, faults: Iterable[str]) -> None:
 
 
 def _kinds_without_deck(job: Job, abilities: Collection[Ability]) -> Iterator[str]:
-    """Yield what is not written for any program yet, and shells if a program has none."""
+    """Yield what is not written for any program yet, and kinds of bodies that a program lacks."""
     if job.states:
         yield "states: a deck has one state"
-    if job.mesh.kind is SHELL and "shells" in abilities:
-        yield from _parts_without_shell(job)
-    elif job.mesh.kind is not SOLID:
-        yield f"mesh.{job.mesh.kind.name}: only solids are written"
+    kind = job.mesh.kind.name
+    if kind in (SOLID.name, *abilities):
+        yield from unwritten_of_shells(job)
+    else:
+        yield f"mesh.{kind}: only solids are written"
     for section in ("cavities", "interfaces", "accuracy"):
         if getattr(job, section):
             yield f"{section}: not written"
-
-
-def _parts_without_shell(job: Job) -> Iterator[str]:
-    """Yield what elements of shells of other programs cannot have."""
-    shell = job.mesh.shell
-    if shell is not None and shell.layers:
-        yield "mesh.shell.layers: only shells of one layer are written"
-    if shell is not None and shell.surface != "middle":
-        yield f"mesh.shell.surface: '{shell.surface}': only the middle is written"
-    if len(job.laws) > 1:
-        yield "material: a shell has one law in a deck"
-    for number, support in enumerate(job.supports):
-        if support.slides or support.remote is not None:
-            yield f"supports[{number}]: slides and remote loads of shells are not written"
 
 
 def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Iterator[str]:
