@@ -321,3 +321,22 @@ def test_a_body_of_micrometres_has_an_opinion(tmp_path: Path) -> None:
     opinion = second_opinion(run, None, 60)
     assert opinion.displacement > 1e-9
     assert opinion.largest < 1e-4 * opinion.displacement
+
+
+@needs_calculix
+@pytest.mark.parametrize("form", ["displacement", "mixed"])
+def test_supports_on_vertices_and_the_edges_between_them_are_written(form: str, tmp_path: Path) -> None:
+    """Three corners of the block are held, and the nodes of the edges between two of them."""
+    corners = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]
+    run = solved(
+        tmp_path,
+        mesh=BODY["mesh"] | {"geometry_degree": 2},
+        regions={"corners": {"vertices": corners}},
+        supports=[{"region": "corners", "fix": ["x", "y", "z"]}],
+        effects=[{"effect": "pressure", "region": name, "pressure": 50} for name in ("z0", "z1")],
+        material=BODY["material"] | {"kappa": 1e6 if form == "mixed" else 4e4},
+        discretisation={"displacement": 2, "formulation": form},
+    )
+    opinion = second_opinion(run, None, 60)
+    assert opinion.apart is not None
+    assert opinion.apart < 1e-4 * opinion.displacement

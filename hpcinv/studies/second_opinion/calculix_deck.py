@@ -36,7 +36,7 @@ from hpcinv.studies.second_opinion.calculix_springs import spring_lines
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Ability, LoadedBody, Writers, add_foundation
 
 type Program = Literal["calculix", "abaqus"]
-ABILITIES: tuple[Ability, ...] = ("slides", "remote", "shell")
+ABILITIES: tuple[Ability, ...] = ("slides", "remote", "shell", "vertices")
 LOADS: Writers = {**WRITERS, ElasticFoundation: add_foundation, ThermalExpansion: add_expansion}
 """What is written; every other effect is refused by its name."""
 CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"

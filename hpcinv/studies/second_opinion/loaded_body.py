@@ -11,10 +11,11 @@ import numpy as np
 
 from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
-from hpcinv.geometry.workshop.job_regions import with_job_regions
+from hpcinv.geometry.workshop.job_regions import with_job_regions, with_middles
 from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
+from hpcinv.job.support import Support
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Group, Ints, MeshSource
 from hpcinv.model.discrete_model import default_quadrature
@@ -58,6 +59,7 @@ class LoadedBody:
         forces: of dead loads at the nodes (n, 3), N.
         held: known displacements along axes.
         slides: known displacements along other directions.
+        vertices: rows of the vertices of regions of vertices.
         remotes: regions that move as rigid bodies under a force and a moment.
         foundations: springs between the boundary and the ground.
         pressures: follower pressures, Pa, by their facets.
@@ -77,6 +79,7 @@ class LoadedBody:
     loaded: Floats
     laws: Mapping[str, MaterialLaw]
     forces: Floats
+    vertices: Mapping[str, Ints] = field(default_factory=dict)
     held: list[Held] = field(default_factory=list)
     slides: list[Slide] = field(default_factory=list)
     remotes: list[RemoteRegion] = field(default_factory=list)
@@ -98,7 +101,7 @@ class LoadedBody:
 
 
 type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
-type Ability = Literal["slides", "remote", "shell"]
+type Ability = Literal["slides", "remote", "shell", "vertices"]
 """parts of a body that not every program has"""
 
 
@@ -122,11 +125,12 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
             f"{run}: its files have fewer nodes than the computed body",
             "Run it with 'mesh: {geometry_degree: 2}', or with 'discretisation: {displacement: 1}'.",
         )
-    rest = with_job_regions(rest, loaded if job.directions[0] == "inverse" else rest, job)
+    rest, vertices = with_job_regions(rest, loaded if job.directions[0] == "inverse" else rest, job)
     laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
     for region in filter(None, laws):
         group_of(rest, region, 3)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
+    body.vertices = vertices
     body.fibres = dict(constant_directions(job.fibres))
     body.is_mixed, spaces = job.is_mixed, job.discretisation
     body.quadrature = spaces.quadrature or default_quadrature(rest.kind, spaces.displacement)
@@ -156,6 +160,17 @@ def _kinds_without_deck(job: Job, abilities: Collection[Ability]) -> Iterator[st
             yield f"{section}: not written"
 
 
+def _held_nodes(body: LoadedBody, support: Support) -> Ints:
+    """Return the nodes (rows) that a support holds."""
+    if support.region in body.vertices:
+        return with_middles(body.rest, body.vertices[support.region])
+    nodes = np.unique(body.rest.facets[group_of(body.rest, support.region).members])
+    if not support.hinge:
+        return nodes
+    count = len(body.rest.points) // 3  # of one layer: the nodes half way
+    return nodes[(nodes >= count) & (nodes < 2 * count)]
+
+
 def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Iterator[str]:
     """Add what supports hold, with the displacement that the run found there; yield what cannot be said."""
     for number, support in enumerate(job.supports):
@@ -167,14 +182,14 @@ def _supports(body: LoadedBody, job: Job, abilities: Collection[Ability]) -> Ite
             else:
                 yield f"{place}: 'remote' is a force on a rigid region"
             continue
-        group = group_of(body.rest, support.region)
-        nodes = np.unique(body.rest.facets[group.members])
-        if support.hinge:  # of one layer: the nodes half way
-            count = len(body.rest.points) // 3
-            nodes = nodes[(nodes >= count) & (nodes < 2 * count)]
+        if support.region in body.vertices and "vertices" not in abilities:
+            yield f"{place}: a support on vertices is not written"
+            continue
+        nodes = _held_nodes(body, support)
+        region = "" if support.region in body.vertices else support.region
         for axis in sorted(AXES.index(axis) for axis in support.held):
             values = body.displacement[nodes, axis] if support.moves else np.zeros(len(nodes))
-            body.held.append(Held(place, nodes, axis, values, support.region))
+            body.held.append(Held(place, nodes, axis, values, region))
         if support.slides:
             slide = slide_of(body.rest, body.loaded, job, support, place)
             if slide.axis is not None:

@@ -20,7 +20,7 @@ from hpcinv.studies.second_opinion.twenty_nodes import loaded_with_20_nodes
 
 _OF_20_NODES = ("C3D20", "hex20")
 _ON_GIVEN_BODY = ("first", "quantities", "expected_shape", "regions")
-"""sections of a job that the forward run has not; the file of the rest shape has the regions"""
+"""sections of a job that the forward run has not; the file of the rest shape has the regions, except vertices"""
 
 
 def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, element: str) -> tuple[Floats | None, str]:
@@ -46,8 +46,9 @@ def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, eleme
         save(file, body.rest, body.rest.points)
         mesh = {"file": str(file), "geometry_degree": degree}
         kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
+        points = {name: {"vertices": body.rest.points[rows].tolist()} for name, rows in body.vertices.items()}
         try:
-            forward = load({**kept, **changes, "mesh": mesh}, directory=job.resolve(""))
+            forward = load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve(""))
             if element in _OF_20_NODES:
                 places = loaded_with_20_nodes(forward, body.rest, body.loaded)
                 return places, "" if places is not None else "Newton's iteration with 20 nodes fails"
