@@ -312,6 +312,27 @@ def test_a_body_without_load_has_an_opinion(tmp_path: Path) -> None:
     assert "of the largest displacement" not in opinion.lines()[0]
 
 
+STIFF = {"law": "isochoric-neo-hookean", "young": 200e9, "poisson": 0.3}
+
+
+@needs_calculix
+def test_a_body_of_steel_has_an_opinion(tmp_path: Path) -> None:
+    """CalculiX takes compliances below 1e-10 for 0; a deck in mm has larger ones."""
+    load = {"effect": "pressure", "region": "z1", "pressure": -26e9}
+    opinion = second_opinion(solved(tmp_path, material=STIFF, effects=[load]), None, 60)
+    assert opinion.displacement > 0.01
+    assert opinion.largest < 1e-4 * opinion.displacement
+
+
+def test_a_deck_of_steel_in_metres_is_refused_for_calculix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = solved(tmp_path, material=STIFF)
+    deck = ["export", str(run), "--deck", str(tmp_path / "part.inp")]
+    assert main([*deck, "--unit", "m"]) != 0
+    assert "CalculiX takes compliances of a law below 1e-10 for 0" in capsys.readouterr().err
+    assert main([*deck, "--unit", "m", "--for", "abaqus"]) == 0
+    assert main([*deck, "--unit", "mm"]) == 0
+
+
 @needs_calculix
 def test_a_body_of_micrometres_has_an_opinion(tmp_path: Path) -> None:
     """CalculiX refuses cells below 1e-20 cubed units of its deck."""

@@ -43,6 +43,8 @@ CELLS, NODES = "HPCINV_CELLS", "HPCINV_NODES"
 """sets of all cells and of all nodes"""
 _ELEMENT = "*ELEMENT, TYPE="
 _PER_LINE = 16
+LEAST_COMPLIANCE = 1e-10
+"""Least compliance of a card that CalculiX 2.20 does not take for 0: between 0.95e-10 and 1.07e-10 by its results."""
 _RESIDUAL = 1e-8
 """Largest residual force, relative to the mean one. The program ends there. Raised, its body differs by more."""
 
@@ -93,6 +95,7 @@ def write_deck(path: Path, body: LoadedBody, unit: float, program: Program = "ca
     if program == "calculix":
         body.notes += [f"{remote.place}: {MOMENT_NOTE}" for remote in body.remotes if remote.moment.any()]
     posed = _Posed(body, mesh, elements, deck, Frames(body), unit, program)
+    refuse_small_compliances(body, unit, program)
     lines = [text, *_model(posed), *_step(posed)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
@@ -161,6 +164,21 @@ def card_of(law: MaterialLaw, name: str, unit: float) -> str:
         return abaqus.write(Values(law, abaqus.PROGRAM, unit**-2), name)
     except JobError as error:
         raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
+
+
+def refuse_small_compliances(body: LoadedBody, unit: float, program: Program) -> None:
+    """Raise ``OutputError`` if CalculiX would take a compliance of a law for 0."""
+    if program != "calculix":
+        return
+    for region, law in body.laws.items():
+        lines = (line for line in card_of(law, region, unit).splitlines() if line[:1] != "*")
+        first, *others = (abs(float(word)) for line in lines for word in line.split(","))
+        if first > 1 and any(0 < value < LEAST_COMPLIANCE for value in others):  # stiffnesses come first
+            raise OutputError(
+                f"material: CalculiX takes compliances of a law below {LEAST_COMPLIANCE:g} for 0, and then another"
+                " compressibility",
+                "Give a smaller unit of length, such as --unit mm.",
+            )
 
 
 def _held(posed: _Posed, *, moved: bool) -> Iterator[str]:

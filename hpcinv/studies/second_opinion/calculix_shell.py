@@ -34,6 +34,7 @@ from hpcinv.studies.second_opinion.calculix_deck import (
     expected_table,
     nodal_forces,
     output_lines,
+    refuse_small_compliances,
     set_rows,
     step_head,
     weight_lines,
@@ -87,6 +88,7 @@ def write_shell(path: Path, body: LoadedBody, unit: float, program: Program) -> 
         text = plain.read_text("utf-8")
     tags = sheet.surface.node_tags
     deck = Deck(sheet.columns[1][sheet.nodes], tags[sheet.nodes], "S8R")
+    refuse_small_compliances(body, unit, program)
     lines = [text, *_model(body, sheet, deck, unit), *_step(body, sheet, deck, unit, program)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +16,24 @@ from hpcinv.job.job import Job, load
 from hpcinv.job.rules import wants_pressure
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
+from hpcinv.studies.second_opinion.equilibrium_near import equilibrium_near
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
 from hpcinv.studies.second_opinion.programs import Program
-from hpcinv.studies.second_opinion.twenty_nodes import loaded_with_20_nodes
 
 _OF_20_NODES = ("C3D20", "hex20")
 _ON_GIVEN_BODY = ("first", "quantities", "expected_shape", "regions")
 """sections of a job that the forward run has not; the file of the rest shape has the regions, except vertices"""
 
 
-def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, element: str) -> tuple[Floats | None, str]:
+def with_elements(
+    run: Path, job: Job, body: LoadedBody, program: Program, element: str, theirs: Floats
+) -> tuple[Floats | None, str]:
     """Return the places (n, 3), m, of the rest shape under load with an element of a program, or why not.
 
     Its elements are ours without the unknown pressure, but for hexahedra of degree 2, which may have 20 nodes.
+
+    Args:
+        theirs: places (n, 3), m, of its nodes; of 20 nodes in a cell, those on edges.
     """
     if reason := _unlike(job, body, program, element):
         return None, reason
@@ -34,6 +41,36 @@ def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, eleme
         return read_shape(run, DEFORMED).points, ""
     if reason := _not_comparable(job, body, element):
         return None, reason
+    try:
+        with _forward_job(job, body) as (forward, directory):
+            if element in _OF_20_NODES:
+                starts = (body.loaded, theirs)
+                found = (equilibrium_near(forward, body.rest, start, has_20_nodes=True) for start in starts)
+                places = next((places for places in found if places is not None), None)
+                return places, "" if places is not None else "Newton's iteration with 20 nodes fails"
+            run_job(forward, MPI.COMM_SELF, directory=directory / "run", progress=False)
+            return read_shape(directory / "run", DEFORMED).points, ""
+    except HpcinvError as error:
+        return None, error.message.splitlines()[0]
+
+
+def equilibrium_of(job: Job, body: LoadedBody, program: Program, element: str, theirs: Floats) -> Floats | None:
+    """Return the places (n, 3), m, of our equilibrium with an element of a program that is next to its body.
+
+    ``None`` if there is none, or if that is not known. Arguments as of `with_elements`.
+    """
+    if _unlike(job, body, program, element) or _not_comparable(job, body, element) or body.slides or body.remotes:
+        return None
+    try:
+        with _forward_job(job, body) as (forward, _):
+            return equilibrium_near(forward, body.rest, theirs, has_20_nodes=element in _OF_20_NODES)
+    except HpcinvError:
+        return None
+
+
+@contextmanager
+def _forward_job(job: Job, body: LoadedBody) -> Iterator[tuple[Job, Path]]:
+    """Yield the job that loads the rest shape without unknown pressure, and a directory while it is needed."""
     degree = job.discretisation.displacement
     changes: dict[str, Any] = {
         "analysis": "forward",
@@ -47,15 +84,7 @@ def with_elements(run: Path, job: Job, body: LoadedBody, program: Program, eleme
         mesh = {"file": str(file), "geometry_degree": degree}
         kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
         points = {name: {"vertices": body.rest.points[rows].tolist()} for name, rows in body.vertices.items()}
-        try:
-            forward = load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve(""))
-            if element in _OF_20_NODES:
-                places = loaded_with_20_nodes(forward, body.rest, body.loaded)
-                return places, "" if places is not None else "Newton's iteration with 20 nodes fails"
-            run_job(forward, MPI.COMM_SELF, directory=Path(directory) / "run", progress=False)
-        except HpcinvError as error:
-            return None, error.message.splitlines()[0]
-        return read_shape(Path(directory) / "run", DEFORMED).points, ""
+        yield load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve("")), Path(directory)
 
 
 def _unlike(job: Job, body: LoadedBody, program: Program, element: str) -> str:

@@ -16,8 +16,8 @@ from dolfinx import fem
 from hpcinv.base.parallel.runtime import on_root
 from hpcinv.mesh.body import reorder_to_source
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.mesh.midsurface import surface_tangents
 from hpcinv.mesh.source import Floats, MeshSource
+from hpcinv.mesh.surface_normals import surface_tangents
 from hpcinv.results.cell_fields import face_arrays
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

@@ -1,7 +1,8 @@
-"""Hexahedra with the 20 nodes on edges of other programs: displacements in faces and cells follow from those on edges.
+"""Equilibrium of a loaded rest shape next to given places, also with hexahedra that have 20 nodes on their edges.
 
 With ``u = T v`` of the displacements v on edges, our residual R and tangent K of 27 nodes give Newton's iteration
-``Tᵀ K T Δv = -Tᵀ R(T v)`` of elements with 20 nodes: T has their shape functions at the other nodes.
+``Tᵀ K T Δv = -Tᵀ R(T v)`` of elements with 20 nodes: T has their shape functions at the other nodes. For all other
+elements T is the identity.
 """
 
 from __future__ import annotations
@@ -27,23 +28,26 @@ _SETTLED = 1e-10
 """Newton step, relative to the largest displacement, after which it ends. Raised, fewer digits can be compared."""
 
 
-def loaded_with_20_nodes(job: Job, rest: MeshSource, start: Floats) -> Floats | None:
-    """Return the places (n, 3), m, of the loaded nodes with 20 of each cell; ``None`` if Newton's iteration fails.
+def equilibrium_near(job: Job, rest: MeshSource, start: Floats, *, has_20_nodes: bool) -> Floats | None:
+    """Return the places (n, 3), m, of a loaded body in equilibrium; ``None`` if Newton's iteration fails.
 
     Args:
-        job: a forward analysis of the displacement alone, with supports that do not move.
-        rest: the rest shape, in hexahedra of degree 2.
-        start: places (n, 3), m, near to them.
+        job: a forward analysis of the displacement alone, with supports along axes that do not move.
+        rest: the rest shape, with the degree of the displacement.
+        start: places (n, 3), m, near to it.
+        has_20_nodes: whether cells of degree 2, hexahedra, have displacements of nodes on edges alone.
     """
-    body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve, degree=2, replacement=_edged(rest))
+    mesh = dataclasses.replace(rest, points=serendipity(rest.kind, rest.cells, rest.points)) if has_20_nodes else rest
+    body = build_body(job.mesh, job.regions, MPI.COMM_SELF, resolve=job.resolve, degree=rest.degree, replacement=mesh)
     equations = Equations(job, body, Timings())
     system = System(equations.weak_form("forward"), equations.supports, Timings())
     nodes = body.mesh.geometry.input_global_indices[body.mesh.geometry.dofmaps[0]]
     cells = equations.unknowns.displacement_space.dofmap.list
     file_nodes = np.empty(len(rest.points), dtype=np.int64)
     file_nodes[cells] = nodes
-    interpolation = _interpolation(rest.kind, cells, len(rest.points))
-    is_free = np.ones(3 * len(rest.points))
+    count = len(rest.points)
+    interpolation = _interpolation(rest.kind, cells, count) if has_20_nodes else sparse.eye(3 * count, format="csc")
+    is_free = np.ones(3 * count)
     equations.supports.free(is_free)
     free = np.flatnonzero((is_free > 0) & (interpolation.diagonal() > 0))
     to_all = interpolation[:, free].tocsr()
@@ -62,11 +66,6 @@ def loaded_with_20_nodes(job: Job, rest: MeshSource, start: Floats) -> Floats | 
             places[file_nodes] += length * (to_all @ values).reshape(-1, 3)
             return places
     return None
-
-
-def _edged(rest: MeshSource) -> MeshSource:
-    """Return the rest shape with the geometry that 20 nodes have."""
-    return dataclasses.replace(rest, points=serendipity(rest.kind, rest.cells, rest.points))
 
 
 def _interpolation(kind: str, cells: Ints, count: int) -> sparse.csc_matrix:
