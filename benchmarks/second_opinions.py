@@ -16,6 +16,7 @@ import contextlib
 import gzip
 import io
 import json
+import math
 import re
 import subprocess
 import sys
@@ -205,11 +206,12 @@ def print_table(rows: dict[str, dict[str, Any]]) -> None:
     for cells in (HEADINGS, ("---",) * len(HEADINGS)):
         print(f"| {' | '.join(cells)} |")
     for name, row in heard.items():
-        share = [None if row[key] is None else row[key] / row["displacement"] for key in ("by_elements", "apart")]
+        displacement = row["displacement"] or math.inf
+        share = [None if row[key] is None else row[key] / displacement for key in ("by_elements", "apart")]
         explained, apart = ["not known" if value is None else f"{value:.1e}" for value in share]
         kind = " | ".join(row[key] for key in ("law", "solved", "element", "verdict"))
         print(f"| {name} | {kind} | {row['largest'] * 1e3:.2g} ", end="")
-        print(f"| {row['largest'] / row['displacement']:.1e} | {explained} | {apart} |")
+        print(f"| {row['largest'] / displacement:.1e} | {explained} | {apart} |")
     print(f"\n{len(heard)} opinions: {dict(collections.Counter(row['verdict'] for row in heard.values()))}\n")
     for reason, count in collections.Counter(row["reason"] for row in rows.values() if "reason" in row).most_common():
         print(f"{count} x {reason}")
