@@ -162,29 +162,23 @@ def _export_solid(
 
 def _export_deck(options: argparse.Namespace, unit: float) -> int:
     """Write what another program needs to load the rest shape."""
-    from hpcinv.studies.second_opinion import ansys_archive, calculix_deck, febio_model
-    from hpcinv.studies.second_opinion.input_file import write_input_file
-    from hpcinv.studies.second_opinion.loaded_body import WRITERS, loaded_body
+    from hpcinv.studies.second_opinion.calculix_deck import expected_path
+    from hpcinv.studies.second_opinion.decks import DECKS
+    from hpcinv.studies.second_opinion.loaded_body import loaded_body
 
-    programs: dict[str, tuple[Any, Any, Any]] = {
-        ".inp": (write_input_file, calculix_deck.LOADS, calculix_deck.ABILITIES),
-        ".feb": (febio_model.write_model, febio_model.LOADS, ()),
-        ".cdb": (ansys_archive.write_archive, WRITERS, ansys_archive.ABILITIES),
-        ".dat": (ansys_archive.write_archive, WRITERS, ansys_archive.ABILITIES),
-    }
     suffix = suffix_of(options.deck)
-    if suffix not in programs:
+    if suffix not in DECKS:
         raise OutputError(
             f"--deck {options.deck}: is not a deck of CalculiX, Abaqus, FEBio or Ansys",
-            f"Let its name end with {', '.join(programs)}.",
+            f"Let its name end with {', '.join(DECKS)}.",
         )
     if options.program and suffix != ".inp":
         raise OutputError(f"--for {options.program}: is for decks whose name ends with .inp")
-    write, loads, abilities = programs[suffix]
-    body = loaded_body(options.run, loads, abilities)
-    deck = write(options.deck, body, unit, **({"program": options.program} if options.program else {}))
+    form = DECKS[suffix]
+    body = loaded_body(options.run, form.loads, form.abilities)
+    deck = form.write(options.deck, body, unit, **({"program": options.program} if options.program else {}))
     print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in N and {options.unit}")
-    print(f"{calculix_deck.expected_path(options.deck)}: where the program should find them")
+    print(f"{expected_path(options.deck)}: where the program should find them")
     for note in body.notes:
         print(f"note: {note}")
     return 0

@@ -123,7 +123,7 @@ def second_opinion(
         NoOpinion: the program is missing or fails; the line then says that it is not decided.
     """
     program = PROGRAMS[name]
-    body = loaded_body(run, program.loads, program.abilities)
+    body = loaded_body(run, program.deck.loads, program.deck.abilities)
     directory = run / FOLDER
     try:
         directory.mkdir(exist_ok=True)
@@ -131,7 +131,7 @@ def second_opinion(
         raise OutputError(f"{directory}: cannot be made: {error.strerror}") from None
     path = directory / f"{body.name}{program.suffix}"
     unit = _unit_of(body)
-    deck = program.write(path, body, unit)
+    deck = program.deck.write(path, body, unit)
     try:
         executable = program.command(executable)
         theirs = unit * program.displacements(executable, path, deck.tags, limit, memory)
