@@ -150,6 +150,7 @@ class Equilibrium:
         self.numbers = BorderedSolver(system, linear)
         self._now = _Progress(self._monitor(1.0, self.numbers), self.numbers, 0.0)
         self._is_softer = False  # whether the last solve failed, and friction gives way more from then on
+        self._load = 0.0  # load factor of the last equilibrium
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.system.comm)
@@ -195,10 +196,15 @@ class Equilibrium:
         solve = self._solve(request, predicted)
         if not self._is_softer:
             return solve
-        again = self._solve(request)
+        again = self._solve(request, before=predicted)
         return replace(again, factorizations=solve.factorizations + again.factorizations)
 
-    def _solve(self, request: _Request, predicted: Prediction | None = None) -> Solve:
+    def _solve(self, request: _Request, predicted: Prediction | None = None, before: Prediction | None = None) -> Solve:
+        """Solve as `solve` does, once.
+
+        Args:
+            before: prediction that led from an equilibrium to the present state, of a solve that failed before.
+        """
         system, linear, numbers, load = self.system, self.linear, request.numbers, request.load
         self._is_softer = False
         numbers.put(load)
@@ -236,7 +242,7 @@ class Equilibrium:
                 system.set_state(accepted)
                 numbers.restore(kept_numbers)
                 accepted.destroy()
-                return self._solve(replace(request, farthest=math.inf))
+                return self._solve(replace(request, farthest=math.inf), before=predicted or before)
             linear.forget_factors()
             outcome = linear.failure
         system.set_state(x)
@@ -244,16 +250,30 @@ class Equilibrium:
         if outcome.accepted:
             system.weak_form.passages.depart()
             system.end_contact_step(now.load)
+            self._load = now.load
         else:
-            system.set_state(accepted if predicted is None else predicted.origin)
+            system.set_state(accepted)
+            numbers.restore(kept_numbers)
+            self._follow_failure(outcome, request, predicted or before)
             numbers.restore(kept_numbers)
             numbers.put(load)
-            self._is_softer = system.follow_failure(outcome)  # by pressures of an equilibrium, not of a prediction
             system.set_state(accepted)
         accepted.destroy()
         history, iterations = tuple(now.monitor.history), linear.take_iterations()
         factorizations = linear.factorizations - now.factorizations
         return Solve(now.load, outcome, history, factorizations, tuple(now.signs), linear_iterations=iterations)
+
+    def _follow_failure(self, outcome: Outcome, request: _Request, predicted: Prediction | None) -> None:
+        """Let contacts follow a solve that failed, by the pressures of the equilibrium with which its step began.
+
+        The present state is the beginning of the solve. A prediction, and the load of the step, may carry surfaces
+        deep into each other: pressures there are far above any that a solution has.
+        """
+        system, numbers = self.system, request.numbers
+        if predicted is not None:
+            system.set_state(predicted.origin)
+        numbers.put(request.load if request.begins_near else self._load)
+        self._is_softer = system.follow_failure(outcome)
 
     def _checked(self, outcome: Outcome) -> Outcome:
         """Return the outcome of a solve, whose present state may not be one of the body."""
@@ -299,6 +319,7 @@ class Equilibrium:
 
     def depart(self, load: float) -> None:
         """Let ways past obstacles begin at the present state, an equilibrium under this load factor."""
+        self._load = load
         if passages := self.system.weak_form.passages:
             self.system.set_load(load)
             passages.depart()

@@ -16,6 +16,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.interfaces.surface_rotations import surface_rotations
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium_path import EquilibriumPath
 from hpcinv.trust.certificate.check import Line, Verdict
 
 CLAMP = {"region": "z0", "fix": ["x", "y", "z"]}
@@ -125,10 +126,34 @@ def test_no_friction_changes_no_digit(comm: MPI.Intracomm) -> None:
     assert "friction" not in zero.contacts[0].as_data()
 
 
-def test_tangent_is_the_derivative_where_surfaces_stick_slide_and_are_apart(comm: MPI.Intracomm) -> None:
-    posed = job(**GIVEN | {"mesh": blocks(), "interfaces": [interface(friction=FRICTION)]})
+def equations_of(comm: MPI.Intracomm, **data: Any) -> Equations:
+    posed = job(**GIVEN | {"mesh": blocks(), "interfaces": [interface(friction=FRICTION)]} | data)
     body = build_body(posed.mesh, posed.regions, comm, resolve=posed.resolve, degree=1)
-    equations = Equations(posed, body, Timings())
+    return Equations(posed, body, Timings())
+
+
+def test_failed_solves_leave_no_pressure_of_their_prediction(comm: MPI.Intracomm) -> None:
+    """The first solve and its repetition with softer friction fail: both begin where the bodies overlap."""
+    supports = [CLAMP, {"region": "z1", "displacement": [0, 0, -0.02]}]
+    equations = equations_of(comm, supports=supports)
+    equilibrium = equations.equilibrium(equations.weak_form("forward"))
+    (pair,) = equilibrium.system.weak_form.contacts.pairs
+    path = EquilibriumPath(equilibrium, 1e-12)
+    path.begin()
+    unloaded = path.place()
+    predicted = equilibrium.predict(1.0, new_tangent=True)
+    assert predicted.is_taken
+    pair.locate()
+    assert pair.pressures.max() > 0
+    equilibrium.limit = 1
+    assert not equilibrium.solve(1.0, 1e-12, predicted=predicted).outcome.accepted
+    path.return_to(unloaded)
+    equilibrium.system.begin_contact_step(0.5)
+    assert pair.pressures.max() < 1e-5  # rounded where bodies only touch; the prediction has 0.02
+
+
+def test_tangent_is_the_derivative_where_surfaces_stick_slide_and_are_apart(comm: MPI.Intracomm) -> None:
+    equations = equations_of(comm)
     system = equations.equilibrium(equations.weak_form("forward")).system
     random, state = np.random.default_rng(0), system.state.x.array
     state[:] = 1e-3 * random.standard_normal(len(state))

@@ -98,7 +98,6 @@ def nafems(
             {"region": "z1", "displacement": [0, None, -down]},
         ],
         "interfaces": [{"between": ["bottom", "top"], "kind": "contact", "friction": friction}],
-        "solver": {"strategy": "fixed", "steps": 6} if friction else {},
     }
     contact = hpcinv.run(job(**given), comm).solutions[0].contacts[0]
     scale = np.sqrt(LOAD * thickness / (2 * abs(contact.force[2])))
@@ -130,7 +129,10 @@ def test_cylinder_of_nafems_has_its_pressure_and_width(comm: MPI.Intracomm) -> N
 
 @pytest.mark.release
 def test_friction_raises_the_pressure_of_the_cylinder_of_nafems(comm: MPI.Intracomm) -> None:
-    """Most of the surface slides: tractions of at most 0.1 p change the pressure by less than that."""
+    """Most of the surface slides: tractions of at most 0.1 p change the pressure by less than that.
+
+    The first load step fails in both ways of friction; what follows begins without the pressure of its prediction.
+    """
     smooth, rough = nafems(comm, 8, 0.00114), nafems(comm, 8, 0.00114, friction=0.1)
     assert 1.0 < rough[0] / smooth[0] < 1.1
     assert rough[1] == pytest.approx(6.21e-3, rel=1 / rough[2])

@@ -39,6 +39,9 @@ and load steps before the last one slide later."""
 _SOFTER = 2.0**-8
 """Penalty by the pressure's after a solve has failed, about the stiffness of the body along the surface. Above that,
 functions that slide to and fro in turn pass the range in which they stick, and Newton's method may go in cycles."""
+_SLOW = 0.5
+"""Share of the distance before, above which an update of tractions is slow, and the penalty is raised again. Lowered,
+penalties are raised while functions still go to and fro, which needs more updates; raised, updates stay slow."""
 
 _BOUNDS: Mapping[Bound, Callable[[float, Floats], tuple[Floats, Floats]]] = {
     "coulomb": lambda coefficient, pressures: (coefficient * pressures, np.full_like(pressures, coefficient)),
@@ -112,7 +115,7 @@ class Friction:
         """Begin with the unloaded bodies, without tractions."""
         count, still = len(self._names), np.zeros(3)
         self.q: Floats = np.zeros((count, 3))
-        self._softness = _SOFTNESS
+        self._softness, self._distance, self._may_stiffen = _SOFTNESS, float("inf"), True
         self._rest = _Begin(-1.0, np.zeros(self._owned), None, None, np.zeros((count, 3)), np.zeros(count), 0.0, still)
         self._begins = list[_Begin]()
         self._restored: Floats | None = None
@@ -150,10 +153,27 @@ class Friction:
         self._carry()
 
     def soften(self) -> bool:
-        """Take lower penalties until `reset`; return whether they were not lower before."""
-        before, self._softness = self._softness, _SOFTER
-        self._penalties = self._softness * self._pressure_penalties
+        """Take lower penalties until updates are slow; return whether they were not lower before."""
+        before, self._distance = self._softness, float("inf")
+        self._set_softness(_SOFTER)
         return before > _SOFTER
+
+    def after_update(self, distance: float) -> bool:
+        """Follow an update by a `distance`; return whether the penalties have changed.
+
+        At the full load, tractions do not depend on them. They are raised once between two `reset`: what diverges again
+        would do so after each update.
+        """
+        is_slow, self._distance = distance > _SLOW * self._distance, distance
+        if not (is_slow and self._may_stiffen and self._softness < _SOFTNESS):
+            return False
+        self._may_stiffen = False
+        self._set_softness(_SOFTNESS)
+        return True
+
+    def _set_softness(self, softness: float) -> None:
+        self._softness = softness
+        self._penalties = softness * self._pressure_penalties
 
     def destroy(self) -> None:
         """Free PETSc objects."""

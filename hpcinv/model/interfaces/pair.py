@@ -516,11 +516,13 @@ class SurfacePair:
         differences = [after - self._q]
         acts = self._penalties > 0
         sizes = [float((np.abs(differences[0][acts]) / self._penalties[acts]).max(initial=0.0)) / self._tolerance]
+        slipped = list[float]()
         for friction in self._frictions:
             found = friction.tractions(self._u, after)
             differences.append((found.vectors - friction.q).ravel())
             active = np.append(active, found.sliding)
-            sizes.append(friction.distance(found) / self._tolerance)
+            slipped.append(friction.distance(found))
+        sizes += [distance / self._tolerance for distance in slipped]
         if self._law.is_renewed:
             self.locate()
             moved = np.where(slopes > 0, np.abs(self._signed_gaps() - gaps), 0.0)
@@ -534,6 +536,9 @@ class SurfacePair:
             self._set_multipliers(self._updates.after(self._multipliers, np.concatenate(differences), active))
             if self._softening.after_update(max(sizes)):
                 self._penalties = self._softening.share * self._first_penalties
+                self._updates.forget()
+            stiffened = [f.after_update(distance) for f, distance in zip(self._frictions, slipped, strict=True)]
+            if any(stiffened):
                 self._updates.forget()
 
         return max(sizes), apply
