@@ -1,4 +1,4 @@
-"""What a ledger of many cases takes: files, bytes, time to write it, and to read status and table.
+"""What a ledger of many cases takes: files, bytes, time to write it, and time of processor to read status and table.
 
 One process claims the cases in blocks and commits a record for each, as large as a record of the paper's Monte Carlo.
 Another process reads them. Plans are not part of the times (see sweep_planning.py): keys are drawn, not computed.
@@ -73,18 +73,17 @@ def write(count: int, store: Path) -> dict[str, float]:
 
 def read(count: int, store: Path, *, table: bool) -> dict[str, float]:
     from hpcinv.studies.batch.status import lines
-    from hpcinv.studies.sweep.results import results, status_of
-    from hpcinv.studies.sweep.table import columns
+    from hpcinv.studies.sweep.results import finished, outcomes, status_of
+    from hpcinv.studies.sweep.table import SweepTable
 
     plan = plan_of(count, store)
-    begun = time.perf_counter()
+    begun = time.process_time()
     ledger = plan.ledger
-    records = results(plan, ledger)
     if table:
-        assert len(columns(plan, records)["height"]) == count
+        assert len(SweepTable(plan, finished(plan, ledger)).columns()["height"]) == count
     else:
-        assert f"{count:,} of {count:,}" in lines(status_of(plan, ledger, records))[0]
-    return {"read": time.perf_counter() - begun} | memory()
+        assert f"{count:,} of {count:,}" in lines(status_of(plan, ledger, outcomes(plan, ledger)))[0]
+    return {"read": time.process_time() - begun} | memory()
 
 
 def memory() -> dict[str, float]:

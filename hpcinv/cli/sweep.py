@@ -13,7 +13,7 @@ from hpcinv.errors import Interrupted, OutputError
 from hpcinv.studies.batch.ledger.holder import BEAT
 from hpcinv.studies.batch.ledger.liveness import LEASE
 from hpcinv.studies.batch.status import lines
-from hpcinv.studies.sweep.results import results, series_line, status_of
+from hpcinv.studies.sweep.results import outcomes, series_line, status_of
 from hpcinv.studies.sweep.sweep_batch import open_damaged, sweep_batch
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep, read_sweep
 
@@ -134,9 +134,9 @@ def _run(options: argparse.Namespace) -> int:
 
         def end() -> tuple[int, int]:
             ledger = plan.ledger
-            records = results(plan, ledger)
-            status = status_of(plan, ledger, records)
-            print("\n".join([*lines(status), *series_line(records)]), flush=True)
+            finished = outcomes(plan, ledger)
+            status = status_of(plan, ledger, finished)
+            print("\n".join([*lines(status), *series_line(finished)]), flush=True)
             return status.exit_code(strict=options.strict), status.unfinished
 
         is_unfinished = on_root(world, begin)  # else no process has to import PETSc

@@ -4,7 +4,7 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace as replace_fields
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from hpcinv.cli.options import file_ending, positive
 from hpcinv.errors import JobError
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.batch.outcomes import Outcome
 from hpcinv.studies.batch.status import DAMAGED, Status, show
-from hpcinv.studies.sweep.results import provenance, results, status_of
+from hpcinv.studies.sweep.results import finished, outcomes, provenance, results, status_of
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 
 
@@ -67,12 +68,12 @@ def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
 def _status(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = plan.ledger
-    records: dict[str, CaseRecord] = {}
+    known: dict[str, Outcome] = {}
 
     def look() -> Status:
-        nonlocal records
-        records = results(plan, ledger, records)
-        return status_of(plan, ledger, records)
+        nonlocal known
+        known = outcomes(plan, ledger, known)
+        return status_of(plan, ledger, known)
 
     show(look, followed=options.follow)
     return 0
@@ -81,15 +82,16 @@ def _status(options: argparse.Namespace) -> int:
 def _table(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
     ledger = plan.ledger
-    records = _read(plan, ledger)
 
-    from hpcinv.studies.batch.tables import as_csv, in_written_units
-    from hpcinv.studies.sweep.table import as_hdf5, columns, symbols, units
+    from hpcinv.studies.batch.tables import as_csv
+    from hpcinv.studies.sweep.table import SweepTable
 
+    sweep_table = SweepTable(plan, finished(plan, ledger))
+    _report_damaged(plan, ledger, sweep_table.finished)
     if options.output is not None and options.output.suffix == ".h5":
-        _write(options.output, as_hdf5(plan, records, provenance(plan, ledger)))
+        _write(options.output, sweep_table.as_hdf5(provenance(plan, ledger)))
         return 0
-    text = as_csv(*in_written_units(columns(plan, records), units(plan, records), symbols(plan)))
+    text = as_csv(*sweep_table.in_units_of_the_job())
     if options.output is None:
         sys.stdout.write(text)
     else:
@@ -99,12 +101,14 @@ def _table(options: argparse.Namespace) -> int:
 
 def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    records = _read(plan, plan.ledger)
+    ledger = plan.ledger
 
     from hpcinv.studies.batch.tables import as_csv
-    from hpcinv.studies.sweep.table import statistics
+    from hpcinv.studies.sweep.table import SweepTable, statistics
 
-    sys.stdout.write(as_csv(statistics(plan, records), {}))  # units are a column
+    sweep_table = SweepTable(plan, finished(plan, ledger))
+    _report_damaged(plan, ledger, sweep_table.finished)
+    sys.stdout.write(as_csv(statistics(sweep_table), {}))  # units are a column
     return 0
 
 
@@ -152,7 +156,7 @@ def _plot(options: argparse.Namespace) -> int:
 
     from hpcinv.studies.sweep.sweep_plot import plot
 
-    files, left_out = plot(plan, _read(plan, plan.ledger), options.quantity, options.over)
+    files, left_out = plot(plan, _read(plan, plan.ledger).items(), options.quantity, options.over)
     for form, content in files.items():
         path = stem.with_name(f"{stem.name}.{form}")
         _write(path, content)
@@ -163,12 +167,17 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:
-    """Return the records of the finished cases; report on standard error how many damaged ones are left out."""
+    """Return the records of the finished cases; report how many damaged ones are left out."""
     records = results(plan, ledger)
-    left = dict.fromkeys(key for key in plan.cases.keys if key not in records)
+    _report_damaged(plan, ledger, records)
+    return records
+
+
+def _report_damaged(plan: SweepPlan, ledger: Ledger, finished: Container[str]) -> None:
+    """Report on standard error how many cases are not finished since their record is damaged."""
+    left = dict.fromkeys(key for key in plan.cases.keys if key not in finished)
     if damaged := len(ledger.damaged(left)):
         print(f"{plan.store}: left out {damaged:,} × {DAMAGED}", file=sys.stderr)
-    return records
 
 
 def _stem(plan: SweepPlan, quantity: str, axes: list[str]) -> Path:

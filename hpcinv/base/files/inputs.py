@@ -8,7 +8,7 @@ import hashlib
 import os
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -107,9 +107,13 @@ def digest_of(path: Path) -> str:
     return ""
 
 
-def changed_inputs(inputs: Mapping[str, str], home: Path) -> list[str]:
-    """Return the inputs of a program in a directory ``home`` whose content is another one now; missing ones are not."""
-    return [name for name, known_digest in inputs.items() if digest_of(home / name) not in ("", known_digest)]
+def changed_inputs(inputs: Mapping[str, str], home: Path, digest: Callable[[Path], str] = digest_of) -> list[str]:
+    """Return the inputs of a program in a directory ``home`` whose content is another one now; missing ones are not.
+
+    Args:
+        digest: returns what `digest_of` does, such as a memory of it for many programs with the same inputs.
+    """
+    return [name for name, known_digest in inputs.items() if digest(home / name) not in ("", known_digest)]
 
 
 def _working_directory() -> str | None:

@@ -15,8 +15,8 @@ from hpcinv.studies.batch.time_forecast import duration_text, remaining_seconds
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-    from hpcinv.studies.batch.ledger.case_record import CaseRecord
     from hpcinv.studies.batch.ledger.ledger import Ledger
+    from hpcinv.studies.batch.outcomes import Outcome
 
 MOST_SHOWN = 5
 """lines of each kind"""
@@ -82,13 +82,13 @@ class Status:
         return 7 if strict and self.certificates.keys() & {"warning", "not decided"} else 0
 
 
-def _failed(cases: Iterable[BatchCase], records: Mapping[str, CaseRecord]) -> dict[str, tuple[str, ...]]:
+def _failed(cases: Iterable[BatchCase], outcomes: Mapping[str, Outcome]) -> dict[str, tuple[str, ...]]:
     """Return titles of the cases that failed by their diagnosis."""
     failed: dict[str, list[str]] = {}
     for case in cases:
-        record = records.get(case.key)
-        if record is not None and not record.converged:
-            failed.setdefault(record.diagnosis, []).append(case.title)
+        outcome = outcomes.get(case.key)
+        if outcome is not None and not outcome.converged:
+            failed.setdefault(outcome.diagnosis, []).append(case.title)
     return {diagnosis: tuple(titles) for diagnosis, titles in failed.items()}
 
 
@@ -96,26 +96,26 @@ def status(
     name: str,
     cases: Sequence[BatchCase],
     ledger: Ledger,
-    records: Mapping[str, CaseRecord],
+    outcomes: Mapping[str, Outcome],
     *,
     retry: str,
     kind: str = "cases",
 ) -> Status:
     """Return the status of cases; claims and changes nothing."""
     distinct = {case.key: case for case in reversed(cases)}
-    states = ledger.states(key for key in distinct if key not in records)
+    states = ledger.states(key for key in distinct if key not in outcomes)
     running = Counter(state.holder for state in states.values() if state.name == "running" and not state.waits)
     reuse_groups = {key: case.reuse_group for key, case in distinct.items()}
-    seconds = remaining_seconds(reuse_groups, records)
+    seconds = remaining_seconds(reuse_groups, outcomes)
     return Status(
         name=name,
         kind=kind,
         retry=retry,
         rows=len(cases),
-        certificates=Counter(record.verdict or "not known" for record in records.values() if record.converged),
+        certificates=Counter(outcome.verdict or "not known" for outcome in outcomes.values() if outcome.converged),
         open=len(states) - running.total(),
         running=running,
-        failed=_failed([case for case in cases if distinct[case.key] is case], records),
+        failed=_failed([case for case in cases if distinct[case.key] is case], outcomes),
         seconds=None if seconds is None else seconds / max(running.total(), 1),
         damaged=len(ledger.damaged(states)),
     )

@@ -5,13 +5,13 @@ import statistics
 from collections.abc import Mapping
 from functools import cache
 
-from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.outcomes import Outcome
 
 
 def remaining_seconds(
-    reuse_groups: Mapping[str, str], records: Mapping[str, CaseRecord], unknowns: Mapping[str, int] | None = None
+    reuse_groups: Mapping[str, str], outcomes: Mapping[str, Outcome], unknowns: Mapping[str, int] | None = None
 ) -> float | None:
-    """Return the seconds that the cases without a record take one after the other; ``None`` if nothing is known.
+    """Return the seconds that the unfinished cases take one after the other; ``None`` if nothing is known.
 
     A case takes the median of the finished ones of its reuse group. Where there are none, it takes the median of the
     group with the nearest number of unknowns (by their ratio), times that ratio; where that number is not known, the
@@ -19,15 +19,15 @@ def remaining_seconds(
 
     Args:
         reuse_groups: of all cases by key.
-        records: of the finished ones by key.
-        unknowns: number of unknowns by reuse group, where it is known without a record.
+        outcomes: of the finished ones by key.
+        unknowns: number of unknowns by reuse group, where it is known before a case is finished.
     """
     finished: dict[str, list[float]] = {}
     sizes = dict(unknowns or {})
-    for key, record in records.items():
-        finished.setdefault(reuse_groups[key], []).append(record.seconds)
-        if (size := record.statistics.get("mesh", {}).get("unknowns")) is not None:
-            sizes.setdefault(reuse_groups[key], size)
+    for key, outcome in outcomes.items():
+        finished.setdefault(reuse_groups[key], []).append(outcome.seconds)
+        if outcome.unknowns is not None:
+            sizes.setdefault(reuse_groups[key], outcome.unknowns)
     medians = {reuse_group: statistics.median(seconds) for reuse_group, seconds in finished.items()}
     if not medians:
         return None
@@ -42,7 +42,7 @@ def remaining_seconds(
         nearest = min(ratios, key=lambda s: abs(math.log(ratios[s])))
         return medians[nearest] * ratios[nearest]
 
-    return sum(seconds_of(group) for key, group in reuse_groups.items() if key not in records)
+    return sum(seconds_of(group) for key, group in reuse_groups.items() if key not in outcomes)
 
 
 def duration_text(seconds: float) -> str:

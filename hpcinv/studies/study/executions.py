@@ -14,6 +14,7 @@ from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import Job
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.batch.outcomes import outcomes_of
 from hpcinv.studies.batch.status import BatchCase, Status, status
 from hpcinv.studies.study.directory import STORE, check_content, ranks_in
 from hpcinv.studies.study.study_plan import StudyPlan
@@ -121,9 +122,9 @@ class Executions:
         self._jobs = {run: prepared for run, prepared in self._jobs.items() if not isinstance(prepared, CaseRecord)}
         self.read()
         executions = self.distinct()
-        records = {key: self._records[key] for key in executions if key in self._records}
+        outcomes = outcomes_of((key, self._records[key]) for key in executions if key in self._records)
         cases = list(executions.values())
-        return status(self.plan.study.study, cases, self.ledger, records, retry=RETRY, kind="executions")
+        return status(self.plan.study.study, cases, self.ledger, outcomes, retry=RETRY, kind="executions")
 
     def retry(self) -> int:
         """Open the failed executions again; return their number."""

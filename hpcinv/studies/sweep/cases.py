@@ -43,7 +43,7 @@ class Case:
         return title_of(self.number, self.parameters)
 
 
-class _Labels[T]:
+class Labels[T]:
     """Column of labels with many equal entries."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class Cases(Sequence[Case]):
         self.points = CombinedPoints(sweep.axes)
         self.places: Sequence[int] = range(0)
         self._common = sections_first(sweep.set)
-        self._keys, self._reuse_groups, self._homes = bytearray(), _Labels[str](), _Labels[Path]()
+        self._keys, self._reuse_groups, self._homes = bytearray(), Labels[str](), Labels[Path]()
         self._numbers, self._ends = array("d"), array("q", [0])
 
     def append(self, key: str, reuse_group: str, numbers: Sequence[float], home: Path) -> None:

@@ -18,7 +18,7 @@ from hpcinv.studies.batch.time_forecast import duration_text
 from hpcinv.studies.sweep.cases import Case
 from hpcinv.studies.sweep.chaos import GOOD, Bounded, Indices, Regression, cases_needed, mean, sobol_indices, terms
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
-from hpcinv.studies.sweep.table import columns, quantity_columns, units
+from hpcinv.studies.sweep.table import SweepTable
 
 _CONSTANT = 1e-12  # standard deviation, relative to the largest value, that is rounding
 _DEGREES_SHOWN = 6
@@ -127,8 +127,8 @@ def quantity_indices(
     Raises:
         JobError: the points of the sample determine no surrogate.
     """
-    plan, names = sample.plan, quantity_columns(sample.plan, records)
-    table, known_units = columns(plan, records), units(plan, records)
+    sweep_table = SweepTable(sample.plan, records.items())
+    names, table, known_units = sweep_table.quantities(), sweep_table.columns(), sweep_table.units()
     place = {number: row for row, number in enumerate(table["number"])}
     rows = [place[case.number] for case in sample.cases]
     indices, left_out = [], []

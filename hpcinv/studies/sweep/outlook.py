@@ -14,6 +14,7 @@ from hpcinv.model.cell_layers import layers_of_cells
 from hpcinv.model.spaces import Unknowns
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger
+from hpcinv.studies.batch.outcomes import outcomes_of
 from hpcinv.studies.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.studies.sweep.results import results
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
@@ -72,7 +73,7 @@ def _time(
     left = len(reuse_groups) - len(records)
     if not left:
         return "  nothing is left to run"
-    seconds = remaining_seconds(reuse_groups, records, unknowns)
+    seconds = remaining_seconds(reuse_groups, outcomes_of(records.items()), unknowns)
     if seconds is None:
         return "  time: not known, since no case is finished; run some first: 'sweep run --first 8' (results are kept)"
     ranks = sorted({int(record.statistics.get("machine", {}).get("ranks", 0)) for record in records.values()} - {0})

@@ -6,10 +6,10 @@ from typing import Any
 
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.studies.batch.conduct import conduct
-from hpcinv.studies.sweep.results import results
+from hpcinv.studies.sweep.results import finished
 from hpcinv.studies.sweep.sweep_batch import open_damaged, sweep_batch
 from hpcinv.studies.sweep.sweep_plan import load_sweep
-from hpcinv.studies.sweep.table import columns, units
+from hpcinv.studies.sweep.table import SweepTable
 
 
 class Table(dict[str, list[Any]]):
@@ -56,7 +56,7 @@ def sweep(
     conduct(sweep_batch(plan), comm, ranks_per_case=ranks_per_case, note=note)
 
     def table() -> Table:
-        records = results(plan, plan.ledger)
-        return Table(columns(plan, records), units(plan, records))
+        sweep_table = SweepTable(plan, finished(plan, plan.ledger))
+        return Table(sweep_table.columns(), sweep_table.units())
 
     return on_root(comm, table)

@@ -17,7 +17,7 @@ from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.sweep.results import results
 from hpcinv.studies.sweep.shape_spread import kept_file
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
-from hpcinv.studies.sweep.table import columns, parameter_names, quantity_columns, units
+from hpcinv.studies.sweep.table import SweepTable, parameter_names
 
 _MOST = 400  # shapes that are read
 _LAST = ("key", "started_from")  # columns that few readers need
@@ -45,15 +45,16 @@ def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: boo
         gallery = pictures(named)
     else:
         note = "The cases have kept no shapes; 'set: {output.surface: true}' in another store keeps their boundaries."
-    table = columns(plan, records)
+    sweep_table = SweepTable(plan, records.items())
+    table = sweep_table.columns()
     page = cases_page(
         title=plan.sweep.sweep,
         finding=_found(plan, records),
         notes=[*_notes(plan, records), note],
         columns={name: table[name] for name in sorted(table, key=lambda name: name in _LAST)},
-        units=units(plan, records),
+        units=sweep_table.units(),
         parameters=parameter_names(plan),
-        results=quantity_columns(plan, records),
+        results=sweep_table.quantities(),
         outcome=[_outcome(records.get(case.key)) for case in plan.cases],
         links=links,
         body=body,

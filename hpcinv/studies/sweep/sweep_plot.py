@@ -3,7 +3,7 @@
 import math
 import statistics
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from hpcinv.base.quantity.suggestions import did_you_mean
@@ -12,10 +12,10 @@ from hpcinv.pages.pictures.figures import as_files, new_figure
 from hpcinv.studies.batch.diagram_drawing import DiagramSeries, Scale, draw_lines, draw_maps, draw_outcomes
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.specification import text_of
-from hpcinv.studies.batch.tables import Columns, in_written_units
+from hpcinv.studies.batch.tables import Columns
 from hpcinv.studies.sweep.parameter_columns import log_uniform, sampled
 from hpcinv.studies.sweep.sweep_plan import SweepPlan
-from hpcinv.studies.sweep.table import TEXT, columns, parameter_name, parameter_names, symbols, units
+from hpcinv.studies.sweep.table import TEXT, SweepTable, parameter_name, parameter_names
 
 FAILURES = "failures"
 """name of the map of outcomes, instead of a quantity"""
@@ -26,7 +26,7 @@ MOST_LINES = 7
 
 
 def plot(
-    plan: SweepPlan, records: Mapping[str, CaseRecord], quantity: str, axes: Sequence[str]
+    plan: SweepPlan, records: Iterable[tuple[str, CaseRecord]], quantity: str, axes: Sequence[str]
 ) -> tuple[dict[str, bytes], list[str]]:
     """Return the diagram of a quantity over one or two parameters as files by format, and what it leaves out.
 
@@ -37,7 +37,7 @@ def plot(
     Raises:
         JobError: there is no such column, or it has no values yet.
     """
-    table, known_units = in_written_units(columns(plan, records), units(plan, records), symbols(plan))
+    table, known_units = SweepTable(plan, records).in_units_of_the_job()
     _check(plan, table, quantity, axes)
     rows = _finished_rows(plan, table, quantity, axes)
     places = [_positions([table[name][i] for i in rows]) for name in axes]

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.ledger_files import (
     DONE,
@@ -38,12 +39,17 @@ from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
 # What it keeps
 
 
-def test_a_record_is_read_as_it_was_written() -> None:
+def test_a_record_is_read_as_it_was_written(ledger: Ledger) -> None:
+    """Also its brief, which another reader of JSON parses."""
     numbers = [0.1, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, 2**63, "µ → ∞", None, True, {"a": [[], {}]}]
-    record = CaseRecord("converged", "", {"numbers": numbers}, 1e-3, 3, KEY)
-    again = CaseRecord.decoded(record.encoded())
-    assert again == record
-    assert str(again) == str(record)  # distinguishes 1 from 1.0 and 0.0 from -0.0
+    drawn = np.random.default_rng(1).integers(0, 2**62, 1000).view(float).tolist()  # of all magnitudes
+    record = CaseRecord("converged", "", {"quantities": {"a": numbers, "b": drawn}}, 1e-3, 3, KEY)
+    claim = ledger.claim(KEY)
+    assert claim is not None
+    assert ledger.commit(claim, record)
+    for again in (CaseRecord.decoded(record.encoded()), dict(ledger.briefs([KEY]))[KEY]):
+        assert again == record
+        assert str(again) == str(record)  # distinguishes 1 from 1.0 and 0.0 from -0.0
 
 
 def test_non_finite_values_are_null_in_a_record() -> None:

@@ -16,7 +16,7 @@ from hpcinv.errors import JobError
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.holder import Holder
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
-from hpcinv.studies.sweep.results import results
+from hpcinv.studies.sweep.results import finished
 from hpcinv.studies.sweep.sweep_plan import Case
 from hpcinv.studies.sweep.sweep_plot import is_even_in_log, plot
 
@@ -49,7 +49,7 @@ def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Pa
     sweep_plan = plan(tmp_path, {"branches": laws, "name": "law"}, {"grid": {DENSITY: [1, 2, 3, 4]}})
     records = {case.key: good(quantities={"top": case.parameters[DENSITY]}) for case in sweep_plan.cases[:7]}
     records[sweep_plan.cases[2].key] = bad()  # the last is open
-    files, _ = plot(sweep_plan, records, "top", [DENSITY])
+    files, _ = plot(sweep_plan, records.items(), "top", [DENSITY])
     assert groups(files) == ["failed", "series-0", "series-1"]
     assert [drawn(files, name) for name in groups(files)] == [1, 3, 3]
     text = files["svg"].decode()
@@ -63,10 +63,10 @@ def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
         case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
         for case in sweep_plan.cases
     }
-    files, _ = plot(sweep_plan, records, "top", [MU, DENSITY])
+    files, _ = plot(sweep_plan, records.items(), "top", [MU, DENSITY])
     assert groups(files) == ["failed-0", "series-0"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]  # half of them are in each decade
-    files, _ = plot(sweep_plan, records, "failures", [MU, DENSITY])
+    files, _ = plot(sweep_plan, records.items(), "failures", [MU, DENSITY])
     assert groups(files) == ["outcome-0", "outcome-1"]
     assert [drawn(files, name) for name in groups(files)] == [16, 16]
     assert f">{NO_EQUILIBRIUM} (16)<" in files["svg"].decode()
@@ -93,7 +93,7 @@ def test_a_diagram_names_the_cases_that_it_leaves_out(
         commit(case, good())
     message = ["1 of 5 cases, not finished (neo-Hooke)", f"2 of 5 cases, without {MU} (Yeoh)"]
     message.append("1 of 5 cases, without top (neo-Hooke)")
-    files, left_out = plot(sweep_plan, results(sweep_plan, ledger_of(sweep_plan.store)), "top", [MU])
+    files, left_out = plot(sweep_plan, finished(sweep_plan, ledger_of(sweep_plan.store)), "top", [MU])
     assert left_out == message
     assert drawn(files, "series-0") == 1
     assert all(f"left out: {text}" in files["svg"].decode() for text in message)
@@ -109,7 +109,7 @@ def test_an_axis_with_a_zero_is_not_logarithmic(tmp_path: Path) -> None:
     }
     sweep_plan = plan(tmp_path, {"branches": branches})
     records = {case.key: good() for case in sweep_plan.cases}
-    files, _ = plot(sweep_plan, records, "top", [DENSITY])
+    files, _ = plot(sweep_plan, records.items(), "top", [DENSITY])
     assert sum(drawn(files, name) for name in groups(files)) == 5
 
 
@@ -134,7 +134,7 @@ def test_scales_are_logarithmic_where_values_are_even_in_that() -> None:
 def test_impossible_diagrams_are_reported(quantity: str, over: list[str], expected: str, tmp_path: Path) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4, 2e4]}})
     with pytest.raises(JobError) as caught:
-        plot(sweep_plan, {sweep_plan.cases[0].key: good()}, quantity, over)
+        plot(sweep_plan, [(sweep_plan.cases[0].key, good())], quantity, over)
     [problem] = caught.value.problems
     assert expected in problem
 
@@ -142,6 +142,6 @@ def test_impossible_diagrams_are_reported(quantity: str, over: list[str], expect
 def test_without_results_there_is_not_a_diagram(tmp_path: Path) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
     with pytest.raises(JobError, match=r"no case with material\.mu is finished"):
-        plot(sweep_plan, {}, "seconds", [MU])
+        plot(sweep_plan, [], "seconds", [MU])
     with pytest.raises(JobError, match="no finished case has a value of unknowns"):
-        plot(sweep_plan, {sweep_plan.cases[0].key: bad()}, "unknowns", [MU])
+        plot(sweep_plan, [(sweep_plan.cases[0].key, bad())], "unknowns", [MU])

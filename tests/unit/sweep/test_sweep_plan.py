@@ -19,6 +19,7 @@ from helpers.command_line import COLUMN, ROOT, environment
 
 from hpcinv.errors import JobError
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
+from hpcinv.studies.batch.outcomes import outcomes_of
 from hpcinv.studies.batch.sampling import SamplingMethod, read_distribution, unit_points
 from hpcinv.studies.batch.time_forecast import duration_text, remaining_seconds
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
@@ -371,7 +372,7 @@ def test_the_forecast_goes_by_reuse_group_and_else_by_size() -> None:
     def left(*groups: str) -> float | None:
         open_cases = {f"open-{i}": group for i, group in enumerate(groups)}
         reuse_groups = {key: group for key, (group, _) in finished.items()} | open_cases
-        return remaining_seconds(reuse_groups, records, {"larger": 1500, "smaller": 50})
+        return remaining_seconds(reuse_groups, outcomes_of(records.items()), {"larger": 1500, "smaller": 50})
 
     assert remaining_seconds({"a": "small"}, {}) is None
     assert left("small", "small", "small") == 6.0  # medians

@@ -26,15 +26,15 @@ from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.studies.batch.status import Status, follow, lines
 from hpcinv.studies.batch.tables import as_csv, in_written_units
 from hpcinv.studies.sweep.outlook import outlook
-from hpcinv.studies.sweep.results import provenance, results, status_of
+from hpcinv.studies.sweep.results import finished, outcomes, provenance, results, status_of
 from hpcinv.studies.sweep.sweep_batch import open_damaged
 from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan
-from hpcinv.studies.sweep.table import as_hdf5, columns, units
+from hpcinv.studies.sweep.table import SweepTable
 
 
 def look(sweep_plan: SweepPlan) -> Status:
     ledger = ledger_of(sweep_plan.store)
-    return status_of(sweep_plan, ledger, results(sweep_plan, ledger))
+    return status_of(sweep_plan, ledger, outcomes(sweep_plan, ledger))
 
 
 @pytest.fixture
@@ -211,7 +211,7 @@ def rich_results(sweep_plan: SweepPlan) -> dict[str, CaseRecord]:
 
 def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
     sweep_plan = rich_plan(tmp_path)
-    table = columns(sweep_plan, rich_results(sweep_plan))
+    table = SweepTable(sweep_plan, rich_results(sweep_plan).items()).columns()
     assert {len(values) for values in table.values()} == {6}
     assert table["number"] == [0, 1, 2, 3, 4, 5]
     assert table["key"] == [case.key for case in sweep_plan.cases]
@@ -239,7 +239,8 @@ def test_the_table_has_a_row_for_each_case_in_si(tmp_path: Path) -> None:
 
 def test_a_quantity_with_the_name_of_a_cost_is_a_column_of_its_own(tmp_path: Path) -> None:
     sweep_plan = plan(tmp_path, {"grid": {MU: [1e4]}})
-    table = columns(sweep_plan, {sweep_plan.cases[0].key: good(3.0, quantities={"seconds": 7.0, "status": 8.0})})
+    record = good(3.0, quantities={"seconds": 7.0, "status": 8.0})
+    table = SweepTable(sweep_plan, [(sweep_plan.cases[0].key, record)]).columns()
     assert (table["seconds"], table["quantities.seconds"], table["quantities.status"]) == ([3.0], [7.0], [8.0])
 
 
@@ -250,18 +251,16 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
     for case in sweep_plan.cases:
         if case.key in rich_results(sweep_plan):
             commit(case, rich_results(sweep_plan)[case.key])
-    records, told_by = (
-        results(sweep_plan, ledger_of(sweep_plan.store)),
-        provenance(sweep_plan, ledger_of(sweep_plan.store)),
-    )
-    table = columns(sweep_plan, records)
-    assert table == columns(sweep_plan, rich_results(sweep_plan)) | {"attempts": table["attempts"]}
-    known = units(sweep_plan, records)
+    sweep_table = SweepTable(sweep_plan, finished(sweep_plan, ledger_of(sweep_plan.store)))
+    table, known = sweep_table.columns(), sweep_table.units()
+    given = SweepTable(sweep_plan, rich_results(sweep_plan).items()).columns()
+    assert table == given | {"attempts": table["attempts"]}
+    assert [*table] == [*given]
     headers = {f"{name} [{known[name]}]" if known.get(name) else name: name for name in table}
     assert {f"{MU} [Pa]", "top [m]", "seconds [s]", "status"} <= headers.keys()
     written = csv.DictReader(io.StringIO(as_csv(table, known)))
     rows = [{headers[header]: value for header, value in row.items()} for row in written]
-    with h5py.File(io.BytesIO(as_hdf5(sweep_plan, records, told_by))) as file:
+    with h5py.File(io.BytesIO(sweep_table.as_hdf5(provenance(sweep_plan, ledger_of(sweep_plan.store))))) as file:
         frame = {name: data[()] for name, data in file["cases"].items()}
         message = {name: data.attrs["unit"] for name, data in file["cases"].items() if "unit" in data.attrs}
         origins = [json.loads(text) for text in file["provenance"].asstr()[()]]
@@ -275,7 +274,7 @@ def test_the_table_as_csv_and_hdf5_has_the_same_numbers(
                 assert row[name] == kept.decode() == value
             else:
                 assert float(row[name]) == kept == value
-    assert message == {k: v for k, v in units(sweep_plan, records).items() if k in table}
+    assert message == {k: v for k, v in known.items() if k in table}
     assert message[MU] == "Pa"
     assert (message[DENSITY], message["top"], message["top sd"], message["seconds[1]"]) == ("kg/m^3", "m", "m", "m")
     assert (message[f"top slope in {MU}"], message["seconds"], message["peak_memory"]) == ("m/Pa", "s", "B")

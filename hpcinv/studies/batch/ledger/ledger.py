@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hpcinv.base.files.inputs import changed_inputs
+from hpcinv.base.files.inputs import changed_inputs, digest_of
 from hpcinv.base.files.saved_mark import mark_saved
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.claims import CaseState, Claim
@@ -238,20 +239,21 @@ class Ledger:
 
     def _usable(self, records: Iterable[tuple[str, CaseRecord]]) -> Iterator[tuple[str, CaseRecord]]:
         """Yield the records whose meshes were made from the files that are there now."""
+        digest = cache(digest_of)
         for key, record in records:
-            if not self._changed_input(key, record):
+            if not self._changed_input(key, record, digest):
                 yield key, record
 
-    def _changed_input(self, key: str, record: CaseRecord) -> str:
-        home = self.home_of(key) if record.inputs else None
-        changed = [] if home is None else changed_inputs(record.inputs, home)
+    def _changed_input(self, key: str, record: CaseRecord, digest: Callable[[Path], str]) -> str:
+        home = self.home_of(key) if (inputs := record.inputs) else None
+        changed = [] if home is None else changed_inputs(inputs, home, digest)
         return f"{home / changed[0]} has changed since the mesh was made from it" if home and changed else ""
 
     def _damages(self, keys: Iterable[str]) -> dict[str, str]:
         """Return in what way the records of cases are damaged, by key; note them as damaged."""
-        keys = [*keys]
+        keys, digest = [*keys], cache(digest_of)
         for key, record in self._view.records.briefs(keys):
-            if why := self._changed_input(key, record):
+            if why := self._changed_input(key, record, digest):
                 self._view.records.note_damage(key, why)
         damages = {key: self._view.records.damage(key) for key in keys}
         return {key: f"its record cannot be used: {why}" for key, why in damages.items() if why}

@@ -11,7 +11,6 @@ case survives a power failure.
 """
 
 import gzip
-import json
 import os
 import re
 import zlib
@@ -20,6 +19,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
+
+from pydantic_core import from_json
 
 from hpcinv.base.files.atomic import flush_directory
 from hpcinv.studies.batch.ledger.case_record import (
@@ -164,7 +165,7 @@ class Shards:
                     if place.start + place.length > begin + len(content):
                         begin, content = place.start, os.pread(file.fileno(), _CHUNK + place.length, place.start)
                     line = content[place.start - begin : place.start - begin + place.length]
-                    yield key, CaseRecord.from_json(json.loads(line)[_NAME]["brief"])
+                    yield key, CaseRecord.from_json(from_json(line)[_NAME]["brief"])
 
     def whole(self, place: Place) -> CaseRecord:
         """Return the whole record at a place.
@@ -206,4 +207,5 @@ def _line(token: str, start: int, content: bytes) -> Line:
         if is_whole:
             raise OtherVersionError("it has no 'key', 'round', 'claim'")
         return Line(Place(0, 0, token, start, len(content)), "", is_whole)
-    return Line(Place(int(head[2]), int(head[3]), token, start, len(content)), head[1].decode(), is_whole)
+    key, number, claim = head.groups()
+    return Line(Place(int(number), int(claim), token, start, len(content)), key.decode(), is_whole)
