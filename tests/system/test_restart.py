@@ -127,7 +127,8 @@ def assert_history_goes_on(run: Path, position: dict[str, Any], output: str) -> 
     assert output.count("  load ") == len(summary(run)["solutions"]) * STEPS - steps_behind(position)
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.release), 3])
+@pytest.mark.release
+@pytest.mark.parametrize("ranks", [1, 3])
 def test_a_run_killed_on_two_ranks_goes_on_with_any_number(ranks: int, copy: Path, whole: Path) -> None:
     position = state(newest(copy))
     assert steps_behind(position) >= 2
@@ -137,6 +138,34 @@ def test_a_run_killed_on_two_ranks_goes_on_with_any_number(ranks: int, copy: Pat
     assert_same_result(copy, whole)
     assert_history_goes_on(copy, position, done.stdout)
     assert not list((copy / "checkpoints").glob(".partial*"))
+
+
+def test_a_run_killed_on_two_ranks_is_stopped_on_three_and_ends_on_one(copy: Path, whole: Path) -> None:
+    """The steps of all three processes are in one history; the signal, which comes three times, saves one state."""
+    position = state(newest(copy))
+    assert steps_behind(position) >= 2
+    shutil.copytree(newest(copy), copy / "checkpoints" / ".partial-0099")
+    with Started(3, "resume", copy, cwd=copy.parent) as started:
+        started.wait_for("  load ")
+        for _ in range(3):
+            started.send(signal.SIGUSR1, [started.mpirun.pid])
+            time.sleep(0.02)
+        code = started.exit_code()
+    assert "Traceback" not in started.text
+    assert not list((copy / "checkpoints").glob(".partial*"))
+    if code == 0:  # the signal came in the last step
+        assert_history_goes_on(copy, position, started.text)
+    else:
+        assert code == 75, started.text
+        assert started.text.count("stopped by a signal") == 1
+        assert summary(copy)["status"] == "stopped by a signal"
+        stopped = state(newest(copy))
+        assert steps_behind(stopped) == steps_behind(position) + started.text.count("  load ")
+        assert f"load factor {stopped['load']:g}; its state is saved" in started.text
+        done = hpcinv_here("resume", copy, cwd=copy.parent)
+        assert done.returncode == 0, done.stderr
+        assert_history_goes_on(copy, stopped, done.stdout)
+    assert_same_result(copy, whole)
 
 
 def test_a_run_killed_while_writing_a_checkpoint_goes_on_from_the_previous(place: Path, whole: Path) -> None:
@@ -153,7 +182,7 @@ def test_a_run_killed_while_writing_a_checkpoint_goes_on_from_the_previous(place
     assert not list((run / "checkpoints").glob(".partial*"))
 
 
-@pytest.mark.everyday("SIGTERM-ranks", "SIGUSR1-mpirun")
+@pytest.mark.everyday("SIGTERM-ranks")
 @pytest.mark.parametrize(
     ("name", "to"), [("SIGTERM", "ranks"), ("SIGTERM", "mpirun"), ("SIGUSR1", "one rank"), ("SIGUSR1", "mpirun")]
 )
@@ -201,7 +230,8 @@ def test_a_signal_in_the_second_direction_keeps_the_first(
 
 
 def test_ctrl_c_ends_all_ranks_at_once_and_what_was_saved_can_be_resumed(place: Path) -> None:
-    with Started(2, "run", "beam.yaml", "--output", "ctrl-c", cwd=place) as started:
+    """Two ranks: in `test_stopping.py`, a signal while a process reads a mesh."""
+    with Started(1, "run", "beam.yaml", "--output", "ctrl-c", cwd=place) as started:
         started.wait_for("load 0.25:")
         started.send(signal.SIGINT, [started.mpirun.pid])
         assert started.exit_code() == 130, started.text
@@ -434,7 +464,7 @@ def test_the_last_state_is_the_given_one(states: Path) -> None:
     ],
 )
 def test_a_run_killed_between_or_within_states_goes_on(after: str, ranks: int, states: Path, tmp_path: Path) -> None:
-    with Started(2, "run", states.parent / "states.yaml", "--output", "killed", cwd=tmp_path) as started:
+    with Started(1, "run", states.parent / "states.yaml", "--output", "killed", cwd=tmp_path) as started:
         started.wait_for(after)
         time.sleep(random.uniform(0.0, 0.3))
         started.kill()

@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import os
+import re
 import sys
 import tracemalloc
 from collections.abc import Iterator
@@ -115,13 +116,22 @@ OWN = {
 """what is opened by other ways, by module and expression, and why it may be"""
 
 
+IMPORTS = re.compile(r"^ *(?:from ([\w.]+) import |import (\w+)(?:\.\w+)*(?: as \w+)?$)", re.M)
+
+
 @cache
-def code() -> dict[str, list[ast.AST]]:
-    """Return all nodes of each module."""
-    return {
-        str(module.relative_to(ROOT)): list(ast.walk(ast.parse(module.read_text("utf-8"))))
-        for module in sorted(ROOT.rglob("*.py"))
-    }
+def code() -> dict[str, str]:
+    """Return the text of each module."""
+    return {str(module.relative_to(ROOT)): module.read_text("utf-8") for module in sorted(ROOT.rglob("*.py"))}
+
+
+def calls() -> Iterator[tuple[str, ast.Call]]:
+    """Yield the calls of each module that names a function of `NAMES`; parsing all modules takes five times as long."""
+    named = re.compile(rf"\b(?:{'|'.join(NAMES)})\(")
+    for module, text in code().items():
+        for node in ast.walk(ast.parse(text)) if named.search(text) else ():
+            if isinstance(node, ast.Call):
+                yield module, node
 
 
 def passes_a_door(text: str) -> bool:
@@ -149,10 +159,9 @@ def opened_by(call: ast.Call) -> str:
 
 
 def openings() -> Iterator[str]:
-    for module, nodes in code().items():
-        for call in nodes:
-            if isinstance(call, ast.Call) and (text := opened_by(call)) and not passes_a_door(text):
-                yield f"{module}: {text}"
+    for module, call in calls():
+        if (text := opened_by(call)) and not passes_a_door(text):
+            yield f"{module}: {text}"
 
 
 def test_files_are_opened_through_the_door_alone() -> None:
@@ -164,12 +173,9 @@ def test_files_are_opened_through_the_door_alone() -> None:
 
 def test_no_other_library_reads_files() -> None:
     """A new package is noticed here: add its readers to `READERS`."""
-    imported = set[str]()
-    for node in (node for nodes in code().values() for node in nodes):
-        if isinstance(node, ast.Import):
-            imported |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            imported.add(node.module.partition(".")[0])
+    found = (match for text in code().values() for match in IMPORTS.finditer(text))
+    imported = {(match[1] or match[2]).partition(".")[0] for match in found}
+    imported.remove("paraview")  # by the script that is written for it
     assert imported - sys.stdlib_module_names - {"hpcinv"} == LIBRARIES
     assert not imported & OTHER_READERS
 
