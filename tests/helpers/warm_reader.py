@@ -20,7 +20,10 @@ from hpcinv.base import reading
 from hpcinv.mesh.io import isolated
 
 PROGRAM = str(Path(reading.__file__).with_name("isolated_reader.py"))
-LIBRARIES = ("vtkmodules.vtkIOXML", "vtkmodules.vtkIOGeometry", "vtkmodules.vtkIOPLY", "vtkmodules.vtkIOLegacy", "h5py")
+LIBRARIES = (
+    *("vtkmodules.vtkIOXML", "vtkmodules.vtkIOGeometry", "vtkmodules.vtkIOPLY", "vtkmodules.vtkIOLegacy", "h5py"),
+    *("gmsh", "hpcinv.base.reading.voxel_files", "hpcinv.base.reading.surfaces", "hpcinv.base.reading.nifti"),
+)
 SERVER = f"""
 import contextlib, importlib, importlib.util, json, os, socket, sys
 
@@ -35,10 +38,11 @@ while True:
     message, descriptors, _, _ = socket.recv_fds(channel, 1 << 16, 2)
     if not message:
         break
-    test, *arguments = json.loads(message)
-    os.environ["PYTEST_CURRENT_TEST"] = test
+    variables, *arguments = json.loads(message)
     if (child := os.fork()) == 0:
         channel.close()
+        os.environ.clear()
+        os.environ.update(variables)
         for number, descriptor in enumerate(descriptors, start=1):
             os.dup2(descriptor, number)
         try:
@@ -58,7 +62,7 @@ PATIENCE = 120.0
 
 
 class WarmReader:
-    """Replacement of `isolated.run_isolated`."""
+    """Replacement of `isolated.run_isolated`; `run` replaces what starts other commands of the reader."""
 
     def __init__(self) -> None:
         self._channel, theirs = socket.socketpair()
@@ -69,16 +73,19 @@ class WarmReader:
         theirs.close()
 
     def __call__(self, action: str, path: Path, receive: Any = None) -> subprocess.CompletedProcess[bytes]:
-        command, _ = isolated._command(action, path)
+        return self.run(isolated._command(action, path)[0], receive=receive)
+
+    def run(self, command: list[str], *, receive: Any = None, **_: Any) -> subprocess.CompletedProcess[bytes]:
+        """Run a command of the reader; replacement of `run_child` and of `subprocess.run`."""
         with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
-            message = json.dumps([os.environ.get("PYTEST_CURRENT_TEST", ""), *command[-4:]])  # action, path, limits
+            message = json.dumps([dict(os.environ), *command[-4:]])  # action, path, limits
             socket.send_fds(self._channel, [message.encode()], [output.fileno(), errors.fileno()])
             code = int(self._channel.recv(64))
             output.seek(0)
             errors.seek(0)
             if receive is not None:
                 receive(output)
-            return subprocess.CompletedProcess(command, code, None, errors.read())
+            return subprocess.CompletedProcess(command, code, output.read(), errors.read())
 
     def close(self) -> None:
         """End the process."""

@@ -9,13 +9,19 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.warm_reader import WarmReader
 
 from hpcinv.__main__ import _parser, main
+from hpcinv.formats.readers import followed_includes
+from hpcinv.job import mesh_contents
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import MeshSource
+
+pytestmark = pytest.mark.usefixtures("warm_reader", "warm_checks")
 
 _OPENED = 0x20  # IN_OPEN of inotify
 
@@ -221,6 +227,13 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
 """arguments of each command that takes --untrusted, and the poisoned files on which it is tried"""
 NAMED = ("link.msh", "link.stl", "link.step", "table.csv")
 """files that the user names himself, and that lead nowhere else: they are read, and nothing is refused"""
+
+
+@pytest.fixture
+def warm_checks(warm_process: WarmReader, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contents of files are checked, and includes are followed, in forks of the reader, too."""
+    monkeypatch.setattr(followed_includes, "run_child", warm_process.run)
+    monkeypatch.setattr(mesh_contents, "subprocess", SimpleNamespace(run=warm_process.run))
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,6 @@ import dataclasses
 import json
 import random
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from math import pi
 from pathlib import Path
@@ -29,7 +27,10 @@ from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import read_source
 from hpcinv.mesh.cell_count import no_report
 from hpcinv.mesh.io import isolated
+from hpcinv.mesh.io.gmsh_model import session
 from hpcinv.mesh.source import MeshSource
+
+pytestmark = pytest.mark.usefixtures("warm_reader")
 
 MODELS = {
     "box": "o.addBox(0, 0, 0, 20, 10, 10)",
@@ -50,9 +51,10 @@ def cad(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     def made(file: str) -> Path:
         path = place / file
         if not path.exists():
-            text = f"import gmsh, sys; gmsh.initialize(); o = gmsh.model.occ; {MODELS[path.stem]}; o.synchronize()"
-            command = [sys.executable, "-c", f"{text}; gmsh.write(sys.argv[1])", str(path)]
-            subprocess.run(command, check=True, capture_output=True)
+            with session(path.stem) as gmsh:
+                exec(MODELS[path.stem], {"o": gmsh.model.occ})
+                gmsh.model.occ.synchronize()
+                gmsh.write(str(path))
         return path
 
     return made

@@ -344,6 +344,7 @@ REFERENCES: dict[str, tuple[str, bytes]] = {
 }
 
 
+@pytest.mark.usefixtures("warm_reader")
 @pytest.mark.parametrize("message", REFERENCES)
 def test_untrusted_images_read_no_other_files(message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In jobs, as expected shapes, on axes of sweeps, and by each command that reads an image."""
@@ -386,6 +387,7 @@ def test_untrusted_images_read_no_other_files(message: str, tmp_path: Path, monk
     assert not (tmp_path / "new.yaml").exists()
 
 
+@pytest.mark.usefixtures("forks")
 def test_files_that_a_header_names_are_checked_without_the_option_too(tmp_path: Path) -> None:
     (tmp_path / "whole.raw").write_bytes(raw())
     for i in range(1, 8):
@@ -409,6 +411,7 @@ def test_files_that_a_header_names_are_checked_without_the_option_too(tmp_path: 
             read(path, metaimage(b"", ElementDataFile=data))
 
 
+@pytest.mark.usefixtures("forks")
 def test_pipes_are_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mha")
     with pytest.raises(MeshError, match=r"a\.mha: is not a regular file"):
@@ -441,6 +444,7 @@ def with_segments(content: bytes, *segments: tuple[str, str]) -> bytes:
     return head + b"\n" + lines.encode() + b"\n" + voxels
 
 
+@pytest.mark.usefixtures("forks")
 def test_segments_of_slicer_are_named(tmp_path: Path) -> None:
     path = tmp_path / "scan.seg.nrrd"
     path.write_bytes(with_segments(nrrd(raw()), ("Left kidney", "300"), ("twice", "1"), ("twice", "2")))

@@ -26,6 +26,8 @@ from hpcinv.mesh.mesh_files import SAVERS, save
 from hpcinv.mesh.readers import FILES, GENERATORS
 from hpcinv.mesh.source import DataArray
 
+pytestmark = pytest.mark.usefixtures("warm_reader")
+
 FACES = {"x0", "x1", "y0", "y1", "z0", "z1"}
 
 
