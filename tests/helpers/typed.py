@@ -50,6 +50,21 @@ def type_in(line: str, directory: Path, *, ends: int = 0) -> None:
     assert ended.returncode == ends, f"{line}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
 
 
+def run_python(text: str, directory: Path) -> None:
+    """Run a block of Python in this process, in a directory."""
+    before, modules, path = Path.cwd(), set(sys.modules), [*sys.path]
+    try:
+        os.chdir(directory)
+        sys.path.insert(0, str(directory))
+        exec(compile(text, "typed.py", "exec"), {"__name__": "__main__"})
+    finally:
+        os.chdir(before)
+        sys.path[:] = path
+        for name in set(sys.modules) - modules:  # of the directory: another block may have another one
+            if str(directory) in str(getattr(sys.modules[name], "__file__", "")):
+                del sys.modules[name]
+
+
 def run_line(line: str, directory: Path) -> None:
     """Run a command of hpcinv in this process, on one rank, and type any other line; it must end with exit code 0."""
     if command := COMMAND.fullmatch(line):

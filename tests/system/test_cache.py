@@ -112,7 +112,7 @@ def test_a_signal_while_code_is_compiled_stops_the_run(name: str, job: Path, com
     """mpirun forwards it to all processes, the compiler among them."""
     hold = tmp_path / "hold"
     hold.touch()
-    with Started(2, "run", job, "--output", "run", cwd=tmp_path) as started:
+    with Started(1, "run", job, "--output", "run", cwd=tmp_path) as started:
         wait_for(lambda: (tmp_path / "compiled").exists())
         started.send(signal.Signals[name], [started.mpirun.pid])
         time.sleep(0.5)
@@ -306,7 +306,7 @@ def test_a_cache_that_another_user_could_have_written_is_refused_unless_trusted(
     shutil.copytree(kernels, cache)
     cache.chmod(0o777)
     env = {"XDG_CACHE_HOME": str(cache.parent)}
-    refused = hpcinv(2, "run", job, "--output", "results", cwd=tmp_path, **env)
+    refused = hpcinv(1, "run", job, "--output", "results", cwd=tmp_path, **env)
     assert refused.returncode == 2
     assert refused.stderr.count(f"the cache {cache}: it can be written by everybody") == 1
     assert not (tmp_path / "results").exists()

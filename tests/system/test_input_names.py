@@ -118,7 +118,7 @@ def test_a_reader_that_goes_away_ends_the_command_quietly(command: str) -> None:
     assert (process.returncode, errors) == (141, b"")
 
 
-@pytest.mark.everyday("arguments1", "arguments2")
+@pytest.mark.everyday("arguments1")
 @pytest.mark.parametrize("arguments", [("schema",), ("--help",), ("explain", "JOB")])
 def test_output_to_a_full_disk_causes_no_traceback(arguments: tuple[str, ...], tmp_path: Path) -> None:
     job = write_job(tmp_path / "job.yaml", CUBE)

@@ -250,7 +250,10 @@ def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, t
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("program", [[sys.executable, "-m", "hpcinv"], [str(MPIRUN.with_name("hpcinv"))]])
+@pytest.mark.everyday("exit-module", "replaced-script", "raised-module")
+@pytest.mark.parametrize(
+    "program", [[sys.executable, "-m", "hpcinv"], [str(MPIRUN.with_name("hpcinv"))]], ids=["module", "script"]
+)
 @pytest.mark.parametrize(
     ("plugin", "message"),
     [
@@ -261,6 +264,7 @@ def test_exit_code_0_from_code_of_a_job_does_not_count(where: str, ranks: int, t
         ),
         ("import sys\nsys.exit(0)\n", "cannot be imported: SystemExit: 0 (line 2)"),
     ],
+    ids=["exit", "replaced", "raised"],
 )
 def test_a_plugin_that_ends_the_process_fails_validate(
     program: list[str], plugin: str, message: str, tmp_path: Path

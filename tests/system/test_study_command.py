@@ -43,7 +43,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = STUDY | {"series": series, "reference": f"{CLOSED_FORM} m", "repeat": 2}
     (place / "column-study.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     # Many quick repetitions, for those who interrupt.
-    study |= {"series": [series[0] | {"vary": {"mesh.parameters.nz": [1, 2]}}], "repeat": 6}
+    study |= {"series": [series[0] | {"vary": {"mesh.parameters.nz": [1, 2]}}], "repeat": 4}
     (place / "long.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     return place
 
@@ -201,15 +201,15 @@ def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> N
     assert "The same command continues." in started.text
     assert "Traceback" not in started.text
     stopped = kept(place / "long")
-    assert 3 <= len(stopped) < 12
-    assert f"{len(stopped)} of 1" in started.text
+    assert 3 <= len(stopped) < 8
+    assert re.search(rf"\b{len(stopped)} of \d", started.text)
     assert not (place / "long" / "table.csv").exists()
 
     with Started(1, "study", "long.yaml", "--output", "long", cwd=place) as started:
         started.wait_for(f"[{len(stopped) + 2}/")
         started.kill()
     killed = kept(place / "long")
-    assert len(stopped) + 2 <= len(killed) < 12
+    assert len(stopped) + 2 <= len(killed) < 8
     assert f"{len(stopped)} executions were done before" in started.text
 
     done = hpcinv_here("study", "long.yaml", "--output", "long", cwd=place)
@@ -220,7 +220,7 @@ def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> N
     assert killed.items() >= stopped.items()
     assert all(json.loads(line)["case"]["brief"]["status"] == "converged" for line in kept(place / "long").values())
     with h5py.File(place / "long" / "table.h5") as file:
-        assert file["times"].shape == (2, 6)
+        assert file["times"].shape == (2, 4)
 
 
 @pytest.mark.release
@@ -266,7 +266,7 @@ def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path)
     assert "P2" in tables[0]
     with h5py.File(place / "shared" / "table.h5") as file:
         assert np.isfinite(file["times"][:]).all()
-        assert file["times"].shape == (2, 6)
+        assert file["times"].shape == (2, 4)
 
 
 def test_a_wrong_study_is_reported_once_and_leaves_nothing(place: Path) -> None:

@@ -58,17 +58,18 @@ def assert_collected(batch: Batch, collect: str) -> None:
 
 @pytest.mark.usefixtures("limited")
 def test_tasks_of_an_array_share_the_cases_and_one_of_them_is_requeued_alone(batch: Batch) -> None:
-    run, collect = submitted(batch, "--ntasks", 1, "--array", 2)
+    run, collect = submitted(batch, "--ntasks", 1, "--array", 2, "--time", 5, "--lead", 30)
     batch.until(lambda: len(logs(batch)) == 2 and all(map(solved, logs(batch))))
     (last,) = (fact["JobId"] for fact in batch.facts(run) if fact["ArrayTaskId"] == "2")
     assert last == run  # Slurm gives the last task the array's own id
     assert batch.run("scancel", "--signal=USR1", "--batch", f"{run}_2").returncode == 0
     tasks = {fact["ArrayTaskId"]: (fact["JobState"], fact["Restarts"]) for fact in batch.wait(run)}
     assert tasks == {"1": ("COMPLETED", "0"), "2": ("COMPLETED", "1")}, batch.outputs()
+    assert "has saved its state, and is requeued to go on" in batch.outputs()
     assert_collected(batch, collect)
 
 
-@pytest.mark.usefixtures("limited")
+@pytest.mark.release
 def test_a_sweep_that_is_stopped_ahead_of_its_limit_goes_on_when_it_is_requeued(batch: Batch) -> None:
     run, collect = submitted(batch, "--ntasks", 2, "--time", 5, "--lead", 30)
     batch.wait_for("case ", run)

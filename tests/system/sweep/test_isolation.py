@@ -68,7 +68,34 @@ def statuses(sweep: Path) -> list[str]:
     return [record.status if record is not None else "open" for record in records_of(sweep).values()]
 
 
-@pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), pytest.param(2, 2, marks=pytest.mark.release)])
+def test_cases_that_crash_take_too_long_or_are_killed_are_reported_and_the_other_is_solved(tmp_path: Path) -> None:
+    """One that can stop itself at the next step, and one that cannot; kills may be due to a lack of memory."""
+    sweep = crashing(tmp_path, ["exit 0", "stuck", "killed"], good=1, limit="2 s")
+    content = sweep.read_text().replace("- 8000", "- 8000\n          solver: [{strategy: fixed, steps: 4000}, {}]")
+    sweep.write_text(content)
+    die_with(sweep, 4, DEADLY - 2, supervised=False)
+    ended = hpcinv(2, "sweep", "run", sweep, cwd=tmp_path)
+    assert ended.returncode == 3, ended.stdout + ended.stderr
+    steps, good, crashed, stuck, killed = statuses(sweep)
+    assert good == "converged"
+    assert steps == stuck == "took longer than its limit of 2.0 s", ended.stdout
+    assert crashed.startswith("its process crashed 2 times: ended with exit code 0")
+    assert ended.stdout.count("crashed its process (ended by SIGKILL)") >= 2
+    # On a busy machine the other rank may take the case between its fifth death and the record of that.
+    assert re.fullmatch("the process that ran it was killed [56] times", killed)
+    assert ended.stdout.count("and did not stop: its process was killed") == 1
+    assert "2 × took longer than its limit of 2.0 s" in ended.stdout
+    assert "converged: 1" in ended.stdout
+    assert "failed: 4;" in ended.stdout
+    again = hpcinv_here("sweep", "run", sweep, cwd=tmp_path)
+    assert again.returncode == 3
+    assert not re.findall(r"(?<!first: )case \d", again.stdout)
+    retried = hpcinv_here("sweep", "retry", "--failed", sweep, cwd=tmp_path)
+    assert "4 failed cases are open again" in retried.stdout
+
+
+@pytest.mark.release
+@pytest.mark.parametrize(("ranks", "per_case"), [(2, 1), (2, 2)])
 def test_cases_that_crash_are_reported_and_all_others_are_solved(ranks: int, per_case: int, tmp_path: Path) -> None:
     how = ["exit 0"] if per_case == 1 else ["SIGSEGV", "abort", "exit 0", "MPI_Abort"]
     sweep = crashing(tmp_path, how, good=2)
@@ -104,6 +131,7 @@ def test_a_case_that_crashes_once_is_solved(tmp_path: Path) -> None:
     assert record.attempts == 2
 
 
+@pytest.mark.release
 def test_a_case_whose_process_is_killed_is_tried_more_often(tmp_path: Path) -> None:
     """The system may have been out of memory because of a neighbour."""
     sweep = crashing(tmp_path, ["killed"], good=1)
@@ -141,6 +169,7 @@ def test_kills_of_whole_allocations_are_not_the_fault_of_the_case(
     assert statuses(sweep) == ["converged" if solved else "the process that ran it was killed 7 times"]
 
 
+@pytest.mark.release
 def test_cases_that_take_too_long_are_reported_and_all_others_are_solved(tmp_path: Path) -> None:
     """One that can stop itself at the next step, and one that cannot."""
     sweep = crashing(tmp_path, ["stuck"], good=1, limit="2 s")

@@ -216,6 +216,7 @@ def _wait_for_checkpoint(directory: Path) -> Path:
     return paths[0]
 
 
+@pytest.mark.release  # each day: two allocations of a study, which share a store in the same way
 def test_two_allocations_at_once_share_the_work(tmp_path: Path) -> None:
     sweep = write_sweep(tmp_path, [{"sobol": {"material.mu": ["8 kPa", "20 kPa"]}, "count": 8}])
     with (
@@ -352,21 +353,21 @@ def test_a_file_is_refused_as_a_store(tmp_path: Path) -> None:
 def test_kills_at_random_moments_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     """Kills of whole runs at random moments: what was committed stays as it is, and what was not is done at the end."""
     chance, store = random.Random(5), tmp_path / "store"
-    steps, count = {"strategy": "fixed", "steps": 20}, 10
+    steps, count = {"strategy": "fixed", "steps": 20}, 6
     sweep = write_sweep(
         tmp_path, [{"grid": {"material.mu": [8000 + 200 * i for i in range(count)]}}], set={"solver": steps}
     )
     before: dict[tuple[str, int, int], bytes] = {}
     reported: list[str] = []
     kills = 0
-    while kills < 3:
+    while kills < 2:
         with Started(1 + (kills % 2), "sweep", "run", sweep, cwd=tmp_path) as started:
             deadline = time.monotonic() + PATIENCE
-            # Some are killed while they start, most while they work on a first or a second case.
-            while kills % 3 and committed(store).keys() <= before.keys() and started.mpirun.poll() is None:
+            # The first is killed while it starts, the other one while it works on a case.
+            while kills and committed(store).keys() <= before.keys() and started.mpirun.poll() is None:
                 assert time.monotonic() < deadline, started.text
                 time.sleep(0.002)
-            time.sleep(chance.uniform(0.0, 0.2 if kills % 3 else 2.0))
+            time.sleep(chance.uniform(0.0, 0.2 if kills else 2.0))
             assert started.mpirun.poll() is None, f"ended after {kills} kills: {started.text}"
             started.kill()
             kills += 1
