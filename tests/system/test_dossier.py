@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers.command_line import BLOCK, hpcinv, write_job
+from helpers.command_line import BLOCK, hpcinv_here, write_job
 
 from hpcinv.__main__ import main
 from hpcinv.studies.dossier.context import OPEN, DossierContext
@@ -27,7 +27,7 @@ JOB: Mapping[str, Any] = BLOCK | {
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("dossier")
-    ended = hpcinv(1, "run", write_job(place / "block.yaml", JOB), "--output", place / "run", cwd=place)
+    ended = hpcinv_here("run", write_job(place / "block.yaml", JOB), "--output", place / "run", cwd=place)
     assert ended.returncode == 0, ended.stderr
     return place / "run"
 

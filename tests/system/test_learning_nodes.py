@@ -127,7 +127,7 @@ def test_other_shells(comm: MPI.Intracomm, run_directory: Path, shell: dict[str,
         check_products(model, model.start, rates(model, 0.01))
 
 
-@pytest.mark.everyday("0.01")
+@pytest.mark.release  # each day: products of a thicker shell, above
 @pytest.mark.parametrize("thickness", [1e-2, 3e-3])
 def test_thin_shells(comm: MPI.Intracomm, run_directory: Path, thickness: float) -> None:
     """Rounding leaves residuals of 1e-7 and 1e-5 of the right-hand side; the products keep 8 and 5 digits."""

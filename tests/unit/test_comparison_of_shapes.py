@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import pyvista
 import SimpleITK
-from helpers.command_line import environment
+from helpers.small_files import small_files
 
 from hpcinv.__main__ import main
 from hpcinv.geometry.workshop.comparison import surface_in
@@ -49,21 +47,12 @@ def test_balls_of_two_sizes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert pyvista.read(distances)["distance"] == pytest.approx(-1e-3, rel=0.05)
 
 
-def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
-    """In a process of its own, whose files may have 20,000 bytes; VTK would crash."""
+def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files may have 20,000 bytes; VTK would crash."""
     body = ball(tmp_path / "ball.stl")
-    code = (
-        "import resource, sys\n"
-        "import hpcinv.base.parallel.ranks\n"  # MPI needs files of its own
-        "from hpcinv.__main__ import main\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
-        "sys.exit(main(sys.argv[1:]))"
-    )
-    arguments = ["compare", str(body), str(body), "--unit", "mm", "--to", str(tmp_path / "distances.vtp")]
-    command = [sys.executable, "-c", code, *arguments]
-    env = environment(PYTHONDONTWRITEBYTECODE="1")  # or Python would keep byte code that is cut off
-    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr.partition(":")[0]) == (2, str(tmp_path / "distances.vtp"))
+    with small_files(20_000):
+        code = main(["compare", str(body), str(body), "--unit", "mm", "--to", str(tmp_path / "distances.vtp")])
+    assert (code, capsys.readouterr().err.partition(":")[0]) == (2, str(tmp_path / "distances.vtp"))
     assert [path.name for path in tmp_path.iterdir()] == ["ball.stl"]
 
 

@@ -1,7 +1,7 @@
 """Fuzzer of what `hpcinv` reads: mutated job files through ``hpcinv validate``, mutated meshes, images and surfaces
 through its readers, and mutated files of other programs through ``hpcinv new job --from``.
 
-    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans|decks] [--count 500]
+    python tests/system/fuzz/fuzz.py --seconds 600 --seed 1 [--only jobs|meshes|scans|decks …] [--count 500 …]
 
 Whatever comes, the answer must be an ``HpcinvError`` that names the file, or none; no other exception, no end of the
 process, nothing that takes long. What breaks this is kept in a directory, and reported with its seed.
@@ -242,18 +242,21 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, metavar="N", help="no more than so many mutants of each kind")
-    parser.add_argument("--only", choices=KINDS)
+    parser.add_argument("--count", type=int, nargs="+", metavar="N", help="at most so many mutants of each kind")
+    parser.add_argument("--only", nargs="+", choices=KINDS)
     parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "hpcinv-fuzz")
     options = parser.parse_args()
     options.keep.mkdir(parents=True, exist_ok=True)
-    chosen = [options.only] if options.only else list(KINDS)
+    chosen = options.only or list(KINDS)
+    counts = options.count or [None]
+    if len(counts) not in (1, len(chosen)):
+        parser.error(f"--count: one number, or {len(chosen)}")
     faults = 0
-    for kind in chosen:
+    for kind, count in zip(chosen, counts if len(counts) > 1 else counts * len(chosen), strict=True):
         source = random.Random(options.seed)
         with tempfile.TemporaryDirectory() as directory:
             until = time.monotonic() + options.seconds / len(chosen)
-            for content, fault in KINDS[kind](Path(directory), source, options.count, until):
+            for content, fault in KINDS[kind](Path(directory), source, count, until):
                 faults += 1
                 kept = options.keep / f"{kind}-{options.seed}-{faults}"
                 kept.write_bytes(content)
