@@ -66,6 +66,7 @@ FUNCTIONS = {
     "regions in other files": "hpcinv.mesh.face_files:add_face_files",
     "regions of an array": "hpcinv.mesh.label_groups:add_label_groups",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
+    "response to gaps": "hpcinv.trust.intervals.gap_response:gap_response",
     "rigid motion": "hpcinv.physics.kinematics.rigid_motion:RigidMotion",
     "search for accuracy": "hpcinv.trust.accuracy.search:Search",
     "second opinion": "hpcinv.studies.second_opinion.opinion:opinion_line",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.verification import job
 
@@ -62,12 +64,38 @@ def test_certificate_judges_gaps_pressures_and_forces(comm: MPI.Intracomm) -> No
 
 
 def test_bodies_with_too_much_pressure_overlap_unloaded(comm: MPI.Intracomm) -> None:
-    """Unloaded bodies that were to be 2 cm into each other; the certificate finds where."""
-    result = solved(comm, {"closure": "gap", "rest_gap": -0.02}, analysis="inverse", certificate={"level": "quick"})
+    """Unloaded bodies that were to be 2 cm into each other; the certificate finds where.
+
+    An error of the given gaps by 0.5 mm changes them as much as a gap that is wanted to be 0.5 mm wider.
+    """
+    contact = {"closure": "gap", "touches_within": 5e-4}
+    result = solved(comm, contact | {"rest_gap": -0.02}, analysis="inverse", certificate={"level": "quick"})
     assert result.certificate is not None
-    (line,) = (line for line in result.certificate.lines if line.name.startswith("overlap of the unloaded"))
-    assert line.verdict is Verdict.WARN
-    assert line.value == pytest.approx(0.02, rel=0.1)
+    lines = {line.name: line for line in result.certificate.lines}
+    overlap = lines["overlap of the unloaded bodies at 'bottom'"]
+    assert overlap.verdict is Verdict.WARN
+    assert overlap.value == pytest.approx(0.02, rel=0.1)
+    other = solved(comm, contact | {"rest_gap": -0.0195}, analysis="inverse", certificate={"level": "off"})
+    moved = np.linalg.norm(other.solutions[0].u - result.solutions[0].u, axis=1).max()
+    line = lines["change of the shape by an error of the given gaps"]
+    assert line.value == pytest.approx(moved, rel=0.02)
+    change = other.quantities["gap"] - result.quantities["gap"]
+    assert float(re.findall(r"'gap' by (\d+) µm", line.note)[0]) == pytest.approx(1e6 * abs(change), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("contact", "verdict"),
+    [({"closure": "touching"}, Verdict.PASS), ({"closure": "stick", "friction": 0.3}, Verdict.UNDECIDED)],
+)
+@pytest.mark.release
+def test_gaps_change_no_given_pressure_and_tractions_of_friction_are_not_decided(
+    contact: dict[str, Any], verdict: Verdict, comm: MPI.Intracomm
+) -> None:
+    result = solved(comm, contact, analysis="inverse", certificate={"level": "quick"})
+    assert result.certificate is not None
+    (line,) = (line for line in result.certificate.lines if line.name.endswith("error of the given gaps"))
+    assert line.verdict is verdict
+    assert line.value == (0.0 if verdict is Verdict.PASS else None)
 
 
 @pytest.mark.release

@@ -386,6 +386,20 @@ class SurfacePair:
         return self._sign < 0 and not self._law.pulls
 
     @property
+    def finds_at(self) -> Booleans:
+        """Whether each function presses with a pressure that the solve finds."""
+        return np.asarray((self._tractions()[1] > 0.5) & (self._penalties > 0))
+
+    @property
+    def penalties(self) -> Floats:
+        """Present penalties of all functions, scaled."""
+        return self._penalties
+
+    def jumps(self, x: PETSc.Vec) -> Floats:
+        """Return the jumps of a vector of the unknowns: gaps of unloaded bodies fall by them; collective."""
+        return self._products(x)
+
+    @property
     def pressing(self) -> Ints:
         """Numbers of the functions whose pressures may act on the given shape."""
         return np.flatnonzero((self._force_jump.areas > 0) & (self._touching > 0))

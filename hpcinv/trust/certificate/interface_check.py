@@ -88,11 +88,11 @@ def _gap_line(about: Topic, gaps: NodeGaps, length: float, unit: float) -> Line:
     rule = f"warning above {readable(limit, 'm')}"
     if not len(gaps.gaps):
         return Line(about, None, "m", rule, Verdict.UNDECIDED, "no node faces the other surface")
-    worst = int(gaps.gaps.argmin())
+    worst, widest = int(gaps.gaps.argmin()), int(gaps.gaps.argmax())
     depth = max(0.0, -float(gaps.gaps[worst])) * unit
-    text = (
-        f"smallest gap {readable(float(gaps.gaps[worst]) * unit, 'm')} at ({point_text(gaps.points[worst] * unit)}) m"
+    (low, there), (high, elsewhere) = (
+        (readable(float(gaps.gaps[node]) * unit, "m"), point_text(gaps.points[node] * unit)) for node in (worst, widest)
     )
-    note = f"{text}, largest {readable(float(gaps.gaps.max()) * unit, 'm')}"
+    note = f"smallest gap {low} at ({there}) m, largest {high} at ({elsewhere}) m"
     verdict = Verdict.PASS if depth <= limit else Verdict.WARN
     return Line(about, depth, "m", rule, verdict, note)

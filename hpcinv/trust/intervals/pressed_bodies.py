@@ -22,6 +22,7 @@ from hpcinv.errors import SolveError
 from hpcinv.job.job import Job
 from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
+from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contacts import ContactReport
 from hpcinv.model.interfaces.pair import SurfacePair
@@ -118,19 +119,12 @@ class PressedBodies:
         self._lifts = Lifts(pins, [own.pair for own in self._varied])
         equations.put(solution)
         self.start: Floats = np.concatenate([*starts, self._lifts.begin(pins, equations.unknowns)])
-        self.units = {q.name: self._unit(q) for q in self._quantities}
+        self.units = {q.name: unit_of(q, self._body) for q in self._quantities}
         for own in self._varied:
             name = own.pair.spec.between[0]
             self.units[f"force on {name}"] = "N"
             if not self._lifts.count:  # free parts can be lifted off
                 self.units[f"mean rest gap at {name}"] = "m"
-
-    def _unit(self, quantity: QuantityOfInterest) -> str:
-        """Return the SI unit of a quantity; an integral is over the cells of its region, if it has some."""
-        region = self._body.regions.get(quantity.on or "")
-        if quantity.reduce != "integral" or region is None:
-            return quantity.unit
-        return quantity.unit_of_integral(3 if region.cell_count else 2)
 
     def destroy(self) -> None:
         """Free PETSc objects."""
@@ -308,6 +302,14 @@ class PressedBodies:
             [cone for own in self._varied for cone in own.cones()],
             unbalanced,
         )
+
+
+def unit_of(quantity: QuantityOfInterest, body: Body) -> str:
+    """Return the SI unit of a quantity; an integral is over the cells of its region, if it has some."""
+    region = body.regions.get(quantity.on or "")
+    if quantity.reduce != "integral" or region is None:
+        return quantity.unit
+    return quantity.unit_of_integral(3 if region.cell_count else 2)
 
 
 def _varied(pairs: Sequence[SurfacePair]) -> list[VariedTractions]:
