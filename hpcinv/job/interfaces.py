@@ -42,7 +42,7 @@ class Interface(Spec):
     """gap of the given bodies up to which a 'closure' lets them press on each other; by default 1/256 of their length.
     Segmented surfaces need some; more widens the interval"""
     known: Known = Known()
-    """bounds of what the given shape does not determine, for `uncertainty: contact`"""
+    """bounds of what the given shape does not determine, for `uncertainty: contact` and `closure: least-energy`"""
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
         if self.between[0] == self.between[1] and self.kind != "contact":
@@ -88,8 +88,12 @@ def faults_of_interfaces(
 def _faults_of_one(place: KeyPath, interface: Interface, directions: Sequence[str], uncertainty: str | None) -> Faults:
     if interface.kind == "contact":
         yield from (((*place, "closure"), text) for text in fault_of_closure(interface, directions))
-    if interface.known.model_fields_set and not uncertainty:
-        yield (*place, "known"), "bounds an interval: add 'uncertainty: contact', or leave it out"
+    is_searched = interface.assumed is not None and bool(interface.assumed.searched_from)
+    if interface.known.model_fields_set and not uncertainty and not is_searched:
+        text = (
+            "bounds an interval, and pressures of 'closure: least-energy': add 'uncertainty: contact', or leave it out"
+        )
+        yield (*place, "known"), text
     if interface.friction and uncertainty and place[0] == "effects":
         yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"
 

@@ -61,6 +61,15 @@ def interface_regions(interfaces: Sequence[Interface]) -> References:
             yield ("interfaces", i, "between", k), name
 
 
+def known_regions(job: Any) -> References:
+    """Yield the references of what is known of contacts, of interfaces and on obstacles."""
+    for section in ("interfaces", "effects"):
+        for i, entry in enumerate(getattr(job, section)):
+            known = getattr(entry, "known", None)
+            if known is not None and known.rest_surface is not None:
+                yield (section, i, "known", "rest_surface", "region"), known.rest_surface.region
+
+
 def quantity_regions(quantities: Sequence[QuantityOfInterest]) -> References:
     for i, quantity in enumerate(quantities):
         if quantity.on is not None:
@@ -90,6 +99,7 @@ REFERENCES: tuple[Callable[[Any], References], ...] = (
     lambda job: fibre_regions(job.fibres),
     lambda job: cavity_regions(job.cavities),
     lambda job: interface_regions(job.interfaces),
+    known_regions,
     lambda job: quantity_regions(job.quantities),
 )
 """references of a job to regions, in the order in which faults are reported"""

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
 from helpers.verification import job
 
 import hpcinv
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.errors import JobError
+from hpcinv.errors import JobError, MeshError, SolveError
 from hpcinv.output.result import Result
 from hpcinv.trust.certificate import Verdict
 
@@ -139,12 +140,67 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     shares = [solved(comm, {"closure": "gap", "rest_gap": gap}, **back).quantities["gap"] for gap in (1e-4, 5e-3)]
     for value in (result.quantities["gap"], *shares):
         assert low - 1e-9 <= value <= high + 1e-9
-    known = {"greatest_rest_gap": 0.02}
+    known = {"greatest_rest_gap": 0.02, "rest_surface": rest_surface(run_directory, comm, height=0.5)}
     narrowed = solved(comm, {"closure": "conforming", "known": known}, **back, **checked)
     assert narrowed.certificate is not None
-    (line,) = (line for line in narrowed.certificate.lines if line.name.startswith("interval of 'gap'"))
+    (line,) = (line.interval for line in narrowed.certificate.lines if line.name.startswith("interval of 'gap'"))
+    assert line is not None
+    assert line["low"] < 0.51 < line["high"]
+    assert line["high"] - line["low"] < 0.5 * (high - low)
+
+
+def rest_surface(directory: Path, comm: MPI.Intracomm, height: float, region: str = "top") -> dict[str, Any]:
+    """Return what is known of the upper face of the unloaded lower block: within 1 mm it lies at a height."""
+    file = directory / f"plane_{height}.stl"
+    if comm.rank == 0:
+        plane = pyvista.Plane(center=(0.5, 0.5, height), direction=(0, 0, 1), i_size=3, j_size=3, i_resolution=1)
+        plane.triangulate().save(file)
+    comm.barrier()
+    return {"region": region, "file": str(file), "within": 1e-3}
+
+
+@pytest.mark.release
+def test_rest_surface_that_no_pressure_reaches_is_missed_by_a_distance(
+    comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    """The lower block, which was 5 cm too high with the pressure of the travel, is at most 0.5 + 0.05 m high."""
+    known = {"rest_surface": rest_surface(run_directory, comm, height=0.7)}
+    checked: dict[str, Any] = {"certificate": {"level": "quick"}, "uncertainty": "contact", "analysis": "inverse"}
+    result = solved(comm, {"closure": "conforming", "known": known}, **checked)
+    assert result.certificate is not None
+    (line,) = (line for line in result.certificate.lines if line.name.startswith("contact pressures that"))
+    assert line.verdict is Verdict.WARN
+    assert "miss the known 'rest_surface'" in line.note
     assert line.value is not None
-    assert line.value <= high - low + 1e-9
+    assert 0.1 < line.value < 0.2
+    with pytest.raises(SolveError, match="agree with what is 'known'"):
+        solved(comm, {"closure": "least-energy", "known": known}, analysis="inverse")
+
+
+@pytest.mark.release
+def test_least_energy_is_searched_among_bodies_with_the_known_surface(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """Without it, the pressure is nearly 0, and the lower block is higher."""
+    heights = [{"name": "height", "of": "Z", "on": "top", "reduce": "mean"}]
+    data: dict[str, Any] = {"analysis": "inverse", "quantities": heights, "closure": "least-energy"}
+    contact = {"closure": data.pop("closure")}
+    free = solved(comm, contact, **data).quantities["height"]
+    known = {"rest_surface": rest_surface(run_directory, comm, height=0.52)}
+    narrowed = solved(comm, contact | {"known": known}, **data).quantities["height"]
+    assert abs(narrowed - 0.52) < 1.1e-3
+    assert abs(free - 0.52) > 5e-3
+
+
+@pytest.mark.release
+def test_rest_surface_of_a_body_that_does_not_touch_is_refused(comm: MPI.Intracomm, run_directory: Path) -> None:
+    """The upper block touches an obstacle, the lower one nothing."""
+    apart = BLOCKS | {"parameters": BLOCKS["parameters"] | {"gap": 0.1}}
+    known = {"rest_surface": rest_surface(run_directory, comm, height=0.5)}
+    wall = {"shape": "plane", "point": [1, 0, 0], "normal": [-1, 0, 0]}
+    contact = {"effect": "contact", "region": "side", "obstacle": wall, "closure": "conforming", "known": known}
+    data: dict[str, Any] = {"regions": {"side": "x > 0.999 and z > 0.55"}, "mesh": apart, "analysis": "inverse"}
+    given = GIVEN | {"effects": [contact], "uncertainty": "contact", "certificate": {"level": "quick"}}
+    with pytest.raises(MeshError, match="'top' is not on the bodies that touch at 'side'"):
+        hpcinv.run(job(**given | data), comm)
 
 
 @pytest.mark.parametrize(
@@ -158,6 +214,11 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
         ({"closure": "conforming", "kind": "tied"}, "inverse", "is not valid with 'kind: tied'"),
         ({"kind": "tied", "known": {"greatest_pressure": 1.0}}, "inverse", "known: is not valid without a 'closure'"),
         ({"closure": "touching", "known": {"greatest_pressure": 1.0}}, "inverse", "known: bounds an interval"),
+        (
+            {"closure": "least-energy", "known": {"rest_surface": {"region": "top", "file": "no.stl", "within": 1.0}}},
+            "inverse",
+            r"known\.rest_surface\.file: there is no file",
+        ),
     ],
 )
 def test_closures_that_do_not_fit_are_refused(contact: dict[str, Any], analysis: str, match: str) -> None:

@@ -3,23 +3,19 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from math import hypot
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import ValidationInfo, field_validator
 
-from hpcinv.base.files.names import FilePath, is_file
-from hpcinv.base.files.untrusted import applies
+from hpcinv.base.files.names import FilePath
 from hpcinv.base.quantity import Length, Triple
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.quantity import Dimensionless, LengthUnit, Size
-from hpcinv.base.quantity.schema import OneOf, Spec, shown
+from hpcinv.base.quantity.schema import OneOf, Spec
+from hpcinv.base.quantity.surface_files import checked_surface_file
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.base.reading.door import REFUSED
-from hpcinv.base.reading.suffix import suffix_of
 
 LENGTH, NUMBER = Dimension(length=1), Dimension()
-FORMATS = (".stl", ".ply", ".obj", ".vtp")
 _DIFFERENCE = 1e-6
 """Step of differences of a formula, in its farthest coordinate; larger ones blur edges of the obstacle."""
 
@@ -225,14 +221,7 @@ class SurfaceObstacle(Obstacle):
     @field_validator("file")
     @classmethod
     def _check_file(cls, file: str, info: ValidationInfo) -> str:
-        path = (info.context or {}).get("directory", Path()) / file
-        if suffix_of(path) not in FORMATS:
-            raise ValueError(f"{shown(file)} is not a readable surface; valid suffixes are {', '.join(FORMATS)}")
-        if applies(info):
-            raise ValueError(f"{shown(file)} is read by VTK in this process, and is {REFUSED}")
-        if not is_file(path):
-            raise ValueError(f"there is no file '{path}'. Paths start from the directory of the job file")
-        return file
+        return checked_surface_file(file, info)
 
     @property
     def files(self) -> tuple[str, ...]:

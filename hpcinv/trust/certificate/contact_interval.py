@@ -50,6 +50,10 @@ class ContactIntervalCheck(Check):
             return
         if found.friction is not None:
             yield _unbalanced(found.friction, run.solution.job.interfaces)
+        elif found.excess:
+            text = f"by at least {readable(found.excess, 'm')} more than its 'within'"
+            note = f"all unloaded bodies that do not overlap miss the known 'rest_surface' {text}"
+            yield Line(ADMISSIBLE, found.excess, "m", "warning if there is none", Verdict.WARN, note)
         elif found.overlap == 0.0:
             note = "what is 'known' excludes all pressures of bodies that do not overlap"
             yield Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)

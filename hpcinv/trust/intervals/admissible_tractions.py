@@ -30,11 +30,12 @@ class NoPressure(Exception):
     Attributes:
         gap: largest value, below 0, that the smallest gap can have; 0 if only the given bounds exclude all tractions.
         friction: least factor of the friction coefficients that balances all parts; ``None`` if the given ones do.
+        excess: least value by which bodies that do not overlap miss a known rest surface; 0 if that is not the reason.
     """
 
-    def __init__(self, gap: float, friction: float | None = None) -> None:
-        super().__init__(gap, friction)
-        self.gap, self.friction = gap, friction
+    def __init__(self, gap: float, friction: float | None = None, excess: float = 0.0) -> None:
+        super().__init__(gap, friction, excess)
+        self.gap, self.friction, self.excess = gap, friction, excess
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class AdmissibleTractions:
         lowest: lower bounds, (n,); by default 0, as of pressures.
         cones: of tangential tractions.
         unbalanced: forces (b,) that nothing balances at the solution, and their derivatives (b, n) by the numbers.
+        bands: distances (k,) from a known rest surface, their derivatives (k, n), and the largest admissible distance.
     """
 
     values: Floats
@@ -62,6 +64,7 @@ class AdmissibleTractions:
     lowest: Floats | None = None
     cones: Sequence[FrictionCones] = ()
     unbalanced: tuple[Floats, Floats] | None = None
+    bands: Sequence[tuple[Floats, Floats, float]] = ()
 
     def end(
         self, slopes: Floats, sign: float, reach: float = np.inf, directions: Sequence[Sequence[Floats]] = ()
@@ -110,9 +113,13 @@ class AdmissibleTractions:
 
     @property
     def depth(self) -> float:
-        """Largest overlap of the undeformed bodies at the solution, or force that nothing balances, at least 0."""
+        """Largest overlap of the undeformed bodies at the solution, distance beyond a known one, or unbalanced force.
+
+        It is at least 0.
+        """
         left = 0.0 if self.unbalanced is None else float(np.abs(self.unbalanced[0]).max(initial=0.0))
-        return max(0.0, -float(self.gaps.min(initial=0.0)), left)
+        beyond = [float(np.abs(distances).max(initial=0.0)) - within for distances, _, within in self.bands]
+        return max([0.0, -float(self.gaps.min(initial=0.0)), left, *beyond])
 
     def bounding(self, slopes: Floats, sign: float, areas: Sequence[Floats]) -> frozenset[str]:
         """Return which keys of 'known' would bound ``sign · slopes · z``.
@@ -164,6 +171,7 @@ class AdmissibleTractions:
         bounded = np.isfinite(self.widest)
         parts = [csr_array(-self.compliance), csr_array(self.compliance[bounded])]
         parts += [csr_array(areas[None, :]) for areas, _, _ in self.forces]
+        parts += [csr_array(sign * rates) for _, rates, _ in self.bands for sign in (1.0, -1.0)]
         parts += [cone.rows(len(self.values), (), share) for cone in self.cones]
         rows = vstack([part for part in parts if part.shape[0]], format="csr")
         bounds = [
@@ -213,6 +221,9 @@ class AdmissibleTractions:
             for areas, least, greatest in self.forces:
                 parts += [(-areas[None, :], np.array([-least]))] if np.isfinite(least) else []
                 parts.append((areas[None, :], np.array([greatest])))
+            for distances, rates, within in self.bands:
+                start = distances - rates @ self.values
+                parts += [(rates, within - start), (-rates, within + start)]
         for number, cone in enumerate(self.cones):
             rows = cone.rows(len(self.values), directions[number] if directions else (), share)
             parts.append((rows, np.zeros(rows.shape[0])))
@@ -223,16 +234,27 @@ class AdmissibleTractions:
         slack = self._least_slack()
         if slack is None:
             return NoPressure(0.0, self._least_friction())
-        return NoPressure(min(0.0, self._least_slack(gaps_alone=True) or 0.0)) if slack < 0 else None
+        if slack == 0:
+            return None
+        gap = min(0.0, self._least_slack(gaps_alone=True) or 0.0)
+        missed = self._least_slack(bands_alone=True) if self.bands and gap == 0 else None
+        return NoPressure(gap, excess=-missed if missed is not None else 0.0)
 
-    def _least_slack(self, share: float = 1.0, *, gaps_alone: bool = False) -> float | None:
+    def _least_slack(self, share: float = 1.0, *, gaps_alone: bool = False, bands_alone: bool = False) -> float | None:
         """Return the largest value, at most 0, that the least slack of ``A z ≤ b`` can have, ``None`` without balance.
 
         Cones have no slack.
+
+        Args:
+            gaps_alone: whether rows of gaps alone are taken.
+            bands_alone: whether rows of known rest surfaces alone have slack; ``None`` if others exclude all.
         """
         rows, limits = self._rows(share=share, gaps_alone=gaps_alone)
         coned = sum(cone.rows(len(self.values), ()).shape[0] for cone in self.cones)
-        slack = np.where(np.arange(rows.shape[0]) < rows.shape[0] - coned, -1.0, 0.0)
+        end = rows.shape[0] - coned
+        first = end - 2 * sum(len(distances) for distances, _, _ in self.bands) if bands_alone else 0
+        numbers = np.arange(rows.shape[0])
+        slack = np.where((numbers >= first) & (numbers < end), -1.0, 0.0)
         free = csr_array(vstack([rows.T, csr_array(slack[None, :])]).T)
         cost = np.append(np.zeros(len(self.values)), 1.0)
         found = self._program(cost, free, limits, [*self._bounds, (0, np.inf)])

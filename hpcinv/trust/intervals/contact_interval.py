@@ -69,6 +69,8 @@ class ContactIntervals:
             if none does.
         count: number of pressures and tangential tractions.
         fine: number of pressures that the ones among them stand for in a coarse field; else 0.
+        excess: distance (m) by which bodies that do not overlap miss a known rest surface at least; 0 if that is not
+            the reason why none are admissible.
         width: of the positions of all nodes.
         is_locked: whether tractions within the friction cone balance each other, however large.
     """
@@ -79,6 +81,7 @@ class ContactIntervals:
     friction: float | None
     count: int
     fine: int
+    excess: float
     width: ShapeWidth | None
     is_locked: bool
 
@@ -108,7 +111,7 @@ def contact_intervals(
         bodies.destroy()
         equations.put(solution)
     overlap = -fault.gap * equations.scales.length if is_empty else None
-    more = bodies.count, bodies.fine, width, is_locked
+    more = bodies.count, bodies.fine, fault.excess * equations.scales.length, width, is_locked
     return ContactIntervals(tuple(found), ends.distance, overlap, fault.friction, *more)
 
 

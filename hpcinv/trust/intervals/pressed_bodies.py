@@ -36,6 +36,7 @@ from hpcinv.solver.free_parts import pins_of_loose_parts
 from hpcinv.trust.intervals.admissible_tractions import AdmissibleTractions
 from hpcinv.trust.intervals.lifts import Lifts
 from hpcinv.trust.intervals.position_slopes import is_of_positions, position_slopes
+from hpcinv.trust.intervals.rest_surfaces import known_rest_surfaces
 from hpcinv.trust.intervals.stored_energy import StoredEnergy, stored_energy
 from hpcinv.trust.intervals.varied_tractions import VariedTractions
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
@@ -116,7 +117,9 @@ class PressedBodies:
         own_form = self._equations.weak_form("inverse")
         pins = pins_of_loose_parts(self._job, self._body, equations.supports, own_form)
         own_form.contacts.pins = tuple(pins)
-        self._lifts = Lifts(pins, [own.pair for own in self._varied])
+        surfaces = [own.pair for own in self._varied]
+        self._rest_surfaces = known_rest_surfaces(surfaces, solution.job, self._body)
+        self._lifts = Lifts(pins, surfaces)
         equations.put(solution)
         self.start: Floats = np.concatenate([*starts, self._lifts.begin(pins, equations.unknowns)])
         self.units = {q.name: unit_of(q, self._body) for q in self._quantities}
@@ -257,7 +260,16 @@ class PressedBodies:
         if left:
             unbalanced = np.concatenate(left), np.array(motions).T - self._lifts.place_rates(len(values))
         stiffness = self._body.mesh.comm.allreduce(np.array(products))
-        return self._admissible(values, found_gaps, compliance, unbalanced), changes, stiffness
+        near = self._admissible(values, found_gaps, compliance, unbalanced)
+        return replace(near, bands=self._bands(solution, [c.u for _, c in changes])), changes, stiffness
+
+    def _bands(self, solution: Solution, rates: Sequence[Floats]) -> list[tuple[Floats, Floats, float]]:
+        """Return distances from known rest surfaces, their rates by the numbers, and the largest ones, all scaled."""
+        length, bands = self._scales.length, list[tuple[Floats, Floats, float]]()
+        for surface in self._rest_surfaces:
+            distances, by_number = surface.distances(solution, rates)
+            bands.append((distances / length, by_number / length, surface.within / length))
+        return bands
 
     def _price(self, seconds: float) -> str:
         """Return what a solve takes, for the seconds of one substitution; collective."""

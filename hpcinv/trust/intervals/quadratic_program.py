@@ -18,6 +18,7 @@ _DEPENDENT = 1e-9  # size of a combination of equations, by the largest, below w
 _BACK = 0.995  # share of the way to the boundary that is taken
 
 
+@np.errstate(over="ignore", invalid="ignore")  # duals grow without bound where the inequalities contradict each other
 def solve_quadratic(
     H: Floats, g: Floats, inequalities: tuple[Floats, Floats], equations: tuple[Floats, Floats]
 ) -> Floats | None:

@@ -1,0 +1,88 @@
+"""Distances of unloaded bodies from a surface that is known: what narrows the contact tractions of a given shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hpcinv.errors import MeshError
+from hpcinv.job.job import Job
+from hpcinv.mesh import Body
+from hpcinv.mesh.body import source_node_values
+from hpcinv.mesh.parts import parts_of
+from hpcinv.mesh.regions import find
+from hpcinv.mesh.source import Floats, Ints
+from hpcinv.model.interfaces.pair import SurfacePair
+from hpcinv.model.surface_distance import SurfaceDistance
+from hpcinv.physics.closures.known import RestSurface
+from hpcinv.results.quantities_of_interest import owned_nodes
+from hpcinv.results.solution import Solution
+from hpcinv.solver.support_checks import joined_parts
+
+
+class KnownRestSurface:
+    """A surface on which a region of the unloaded bodies lies. Methods are collective.
+
+    Attributes:
+        within: largest distance (m) of a node of the region.
+
+    Raises:
+        MeshError: on all ranks, if the file cannot be read, or the region belongs to none of the bodies in contact.
+    """
+
+    def __init__(self, known: RestSurface, pair: SurfacePair, job: Job, body: Body) -> None:
+        self.within, self._body = known.within, body
+        _check_part(known.region, pair, job, body)
+        self._distance = SurfaceDistance(job.resolve(known.file), known.unit, False, body.mesh.comm)
+        self._nodes = owned_nodes(body, known.region)
+
+    def distances(self, solution: Solution, rates: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Return distances (k,) m of the nodes along the normals of the surface, and their rates (k, n).
+
+        Args:
+            rates: of the displacement (m) at the local geometry nodes, by n numbers.
+        """
+        comm, at_nodes = self._body.mesh.comm, self._at_nodes
+        found, normals = self._distance(at_nodes(solution.other_nodes))
+        columns = [-np.einsum("ni,ni->n", normals, at_nodes(rate)) for rate in rates]
+        own = np.array(columns).reshape(len(rates), len(found)).T
+        return np.concatenate(comm.allgather(found)), np.concatenate(comm.allgather(own))
+
+    def _at_nodes(self, values: Floats) -> Floats:
+        return np.asarray(source_node_values(self._body, values)[self._nodes])
+
+
+def known_rest_surfaces(pairs: Sequence[SurfacePair], job: Job, body: Body) -> list[KnownRestSurface]:
+    """Return the known rest surfaces of interfaces; collective."""
+    named = [(pair, pair.spec.known.rest_surface) for pair in pairs]
+    return [KnownRestSurface(known, pair, job, body) for pair, known in named if known is not None]
+
+
+def _check_part(region: str, pair: SurfacePair, job: Job, body: Body) -> None:
+    tied = [interface for interface in job.interfaces if interface.kind == "tied"]
+    _, labels = joined_parts(body, tied, *parts_of(body))
+    own = _parts_of_region(region, labels, body)
+    touching = set[int]().union(*(_parts_of_region(s, labels, body) for s in _surfaces(pair)))
+    if not own or own - touching:
+        raise MeshError(
+            f"{pair.where}.known.rest_surface.region: '{region}' is not on the bodies that touch at"
+            f" '{pair.spec.between[0]}', and contact there does not move it",
+            "Name a region of one of both bodies, or the interface that touches its body.",
+        )
+
+
+def _surfaces(pair: SurfacePair) -> tuple[str, ...]:
+    return pair.spec.between[: 1 if pair.has_obstacle else 2]
+
+
+def _parts_of_region(name: str, labels: Ints, body: Body) -> set[int]:
+    """Return the parts to which a region belongs; collective."""
+    region: Any = find(body.regions, name, body.source)
+    cells = region.cells
+    if len(region.facets):
+        body.mesh.topology.create_connectivity(2, 3)
+        adjacent = body.mesh.topology.connectivity(2, 3)
+        cells = np.append(cells, adjacent.array[adjacent.offsets[region.facets]])
+    return set().union(*body.mesh.comm.allgather(set(np.unique(labels[cells]).tolist())))
