@@ -107,10 +107,14 @@ class StateMeans:
             vector = ufl.as_vector([*sigma, part.J, part.energy, volume])
             self._parts.append(QuadratureValues(vector, mesh, quadrature_degree, part.cells))
         self._prestrain_stress = CellMeans(prestrain_stress, mesh, quadrature_degree) if prestrain_stress else None
+        self._spaces = [fem.functionspace(mesh, element) for element in (("DG", 0, (3, 3)), ("DG", 0))]
+        self._layer_space = None
+        if isinstance(quadrature_degree, LayerDegree):
+            points, _ = layer_interpolation(quadrature_degree, np.zeros((1, 3)))
+            self._layer_space = fem.functionspace(mesh, ("DG", 0, (_COLUMNS * len(points),)))
 
     def __call__(self) -> Means:
-        sigma = fem.Function(fem.functionspace(self._mesh, ("DG", 0, (3, 3))))
-        J = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
+        sigma, J = map(fem.Function, self._spaces)
         layer, low, high, energy = self._layer(), np.inf, -np.inf, 0.0
         for part in self._parts:
             for cells, values in part:
@@ -140,8 +144,6 @@ class StateMeans:
         )
 
     def _layer(self) -> LayerValues | None:
-        if not isinstance(self._degree, LayerDegree):
+        if self._layer_space is None or not isinstance(self._degree, LayerDegree):
             return None
-        points, _ = layer_interpolation(self._degree, np.zeros((1, 3)))
-        space = fem.functionspace(self._mesh, ("DG", 0, (_COLUMNS * len(points),)))
-        return LayerValues(self._degree, fem.Function(space))
+        return LayerValues(self._degree, fem.Function(self._layer_space))

@@ -134,18 +134,11 @@ def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
     if all(ratio is not None and ratio < STIFF for ratio in ratios):
         return None
     p, comm = equations.unknowns.p, mesh.comm
-    size = abs(ufl.JacobianDeterminant(mesh))
     _, weights = quadrature(mesh.basix_cell().name, weak_form.quadrature_degree)
     cells = [np.zeros(0, dtype=np.int32)]
     points = [np.zeros((0, len(weights), 2), dtype=np.float32)]  # strain, and the volume that counts
-    for number, (part, law) in enumerate(zip(weak_form.parts, laws, strict=True)):
-        par, strain = weak_form.parameters.quantities(number), part.dilatation
-        if p is not None and not law.is_incompressible:
-            strain = strain + p / law.volumetric_modulus(par)
-        values = QuadratureValues(
-            ufl.as_vector([strain, _is_stiff(law, par) * size]), mesh, weak_form.quadrature_degree, part.cells
-        )
-        for some, samples in values:
+    for number, law in enumerate(laws):
+        for some, samples in _strain_and_volume(weak_form, number, law):
             samples[..., 1] *= weights
             cells.append(some)
             points.append(samples.astype(np.float32))
@@ -155,6 +148,23 @@ def _unaccounted(equations: Equations, weak_form: WeakForm) -> float | None:
     if p is None:
         strains = strains - _smoothed(equations, weak_form, np.concatenate(cells), strains, counted)
     return _exceeded(comm, np.abs(strains), counted)
+
+
+def _strain_and_volume(weak_form: WeakForm, number: int, law: MaterialLaw) -> QuadratureValues:
+    """Return the strain in a part of the body and the density of the volume that counts; kept with the form."""
+    ratio, unknowns = law.stiffness_ratio, weak_form.unknowns
+    key = f"unexplained strain of part {number}, stiff: {ratio is None or ratio >= STIFF}"
+    if key not in weak_form.derived:
+        part, par = weak_form.parts[number], weak_form.parameters.quantities(number)
+        strain = part.dilatation
+        if unknowns.p is not None and not law.is_incompressible:
+            strain = strain + unknowns.p / law.volumetric_modulus(par)
+        counted = _is_stiff(law, par) * abs(ufl.JacobianDeterminant(unknowns.mesh))
+        weak_form.derived[key] = QuadratureValues(
+            ufl.as_vector([strain, counted]), unknowns.mesh, weak_form.quadrature_degree, part.cells
+        )
+    values: QuadratureValues = weak_form.derived[key]
+    return values
 
 
 def _smoothed(

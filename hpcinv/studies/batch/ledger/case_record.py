@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, asdict, dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
@@ -74,8 +74,7 @@ class CaseRecord:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON data; numbers that are not finite become null, tuples lists."""
-        data: dict[str, Any] = json_data(asdict(self))
-        return data
+        return {entry.name: json_data(getattr(self, entry.name)) for entry in fields(self)}
 
     def encoded(self) -> bytes:
         """Return it as a line of text with a digest."""
