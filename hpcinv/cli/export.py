@@ -15,7 +15,7 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.export_programs import program_of, refuse_options_of_surfaces, warn_of_nodes
 from hpcinv.cli.help import add_command
-from hpcinv.cli.mesh_input import check_one_process, length, length_unit
+from hpcinv.cli.mesh_input import check_one_process, force_unit, length, length_unit
 from hpcinv.errors import OutputError
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def add_export(commands: Any) -> None:
     )
     export.add_argument("--region", help="only the cells of this region (physical group)")
     export.add_argument("--unit", default="mm", help="of the coordinates in the files (default: mm)")
+    export.add_argument("--force-unit", default="N", help="of the forces in a deck, such as mN (default: N)")
     export.add_argument(
         "--scale", type=float, default=1.0, help="factor of all lengths about the origin, such as 1.02 for shrinkage"
     )
@@ -165,6 +166,7 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
     from hpcinv.studies.second_opinion.calculix_deck import expected_path
     from hpcinv.studies.second_opinion.decks import DECKS
     from hpcinv.studies.second_opinion.loaded_body import loaded_body
+    from hpcinv.studies.second_opinion.units import Units
 
     suffix = suffix_of(options.deck)
     if suffix not in DECKS:
@@ -176,8 +178,9 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
         raise OutputError(f"--for {options.program}: is for decks whose name ends with .inp")
     form = DECKS[suffix]
     body = loaded_body(options.run, form.loads, form.abilities)
-    deck = form.write(options.deck, body, unit, **({"program": options.program} if options.program else {}))
-    print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in N and {options.unit}")
+    units = Units(unit, force_unit(options.force_unit))
+    deck = form.write(options.deck, body, units, **({"program": options.program} if options.program else {}))
+    print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in {options.force_unit} and {options.unit}")
     print(f"{expected_path(options.deck)}: where the program should find them")
     for note in body.notes:
         print(f"note: {note}")

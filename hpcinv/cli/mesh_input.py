@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from hpcinv.base.quantity.schema import job_error
 from hpcinv.base.quantity.suggestions import did_you_mean
-from hpcinv.base.quantity.units import LENGTH_UNITS, parse_quantity
+from hpcinv.base.quantity.units import LENGTH_UNITS, parse_quantity, parse_unit
 from hpcinv.base.reading.door import is_asked
 from hpcinv.errors import MeshError, OutputError
 from hpcinv.job.mesh_section import MeshSpec
@@ -68,6 +68,17 @@ def length_unit(symbol: str) -> float:
     if symbol not in LENGTH_UNITS:
         raise OutputError(f"--unit {symbol}: is not a unit of length.{did_you_mean(symbol, LENGTH_UNITS)}")
     return parse_quantity(f"1 {symbol}")[0]
+
+
+def force_unit(symbol: str) -> float:
+    """Return the size (N) of the unit in ``--force-unit``; raises ``OutputError`` if it is none of force."""
+    try:
+        size, dimension = parse_unit(symbol)
+    except ValueError as error:
+        raise OutputError(f"--force-unit {symbol}: {error}") from None
+    if dimension != parse_unit("N")[1]:
+        raise OutputError(f"--force-unit {symbol}: is not a unit of force, such as N, mN or kN")
+    return float(size)
 
 
 def length(option: str, text: str, *, positive: bool = True) -> float:

@@ -31,7 +31,7 @@ BLOCK: dict[str, Any] = {
     "output": {"mesh": ["msh"], "fields": False},
 }
 LOST = 1e-4
-"""Distance by lost digits, relative to the displacement: the file of CalculiX has 7, and residuals end at 1e-8."""
+"""Distance by lost digits, relative to the displacement: the file of CalculiX has 7, and residuals end at 1e-6."""
 
 
 def solved(directory: Path, **data: Any) -> Path:

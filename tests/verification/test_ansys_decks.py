@@ -25,6 +25,7 @@ from hpcinv.physics.materials import laws
 from hpcinv.studies.second_opinion.ansys_archive import write_archive
 from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
 from hpcinv.studies.second_opinion.slides import Slide
+from hpcinv.studies.second_opinion.units import Units
 
 MESHES = Path(__file__).parents[2] / "meshes"
 SIZE = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 2}
@@ -121,7 +122,7 @@ def test_nearly_incompressible_laws_have_elements_with_a_pressure(
     posed, path = body(hexahedra, degree), tmp_path / "part.dat"
     law = laws()["isochoric-neo-hookean"]
     posed.laws = {"": law.model_validate({"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": kappa})}
-    deck = write_archive(path, posed, 1.0)
+    deck = write_archive(path, posed, Units(1.0))
     written = [line for line in path.read_text().splitlines() if line.startswith(("ET,", "KEYOPT,"))]
     assert written == lines
     assert f"ET,1,{deck.element.removeprefix('SOLID')}" == lines[0]
@@ -130,7 +131,7 @@ def test_nearly_incompressible_laws_have_elements_with_a_pressure(
 def test_gravity_is_an_acceleration_of_the_frame_the_other_way(tmp_path: Path) -> None:
     posed, path = body(), tmp_path / "part.cdb"
     posed.density, posed.acceleration = 1000.0, np.array([0.0, 0.0, -9.81])
-    write_archive(path, posed, 1e-3)
+    write_archive(path, posed, Units(1e-3))
     text = path.read_text()
     assert "\nACEL,0.0,0.0,9810.0\n" in text
     assert float(text.partition("\nMP,DENS,1,")[2].split()[0]) == pytest.approx(1e-9)  # t/mm³
@@ -143,11 +144,11 @@ def test_every_law_is_written_or_refused_by_its_name(tmp_path: Path) -> None:
         volume = {"volumetric": "simo-taylor"} if name in ("arruda-boyce", "gent") else {}  # which Ansys has
         posed.laws = {"": law.model_validate(law.example | volume)}
         if name in _CARDS and name != "neo-hookean":
-            write_archive(path, posed, 1.0)
+            write_archive(path, posed, Units(1.0))
             assert "TB,HYPER,1," in path.read_text()
         else:
             with pytest.raises(OutputError, match=f"law '{name}' has no counterpart in Ansys"):
-                write_archive(path, posed, 1.0)
+                write_archive(path, posed, Units(1.0))
             assert not path.exists()
 
 
@@ -162,7 +163,7 @@ def test_two_laws_are_two_materials(tmp_path: Path) -> None:
         region: law.model_validate({"law": "isochoric-neo-hookean", "mu": mu, "kappa": 4e4})
         for region, mu in moduli.items()
     }
-    write_archive(path, posed, 1.0)
+    write_archive(path, posed, Units(1.0))
     again, _ = read_back(path, "m", "Pa")
     found = sorted(law.quantities()["mu"][0] for law in again.laws.values())
     assert found == pytest.approx(list(moduli.values()))
@@ -174,7 +175,7 @@ def test_displacements_that_vary_are_of_each_node(tmp_path: Path) -> None:
     nodes = np.unique(posed.rest.facets[top.members])
     values = 1e-3 * np.arange(len(nodes), dtype=np.float64)
     posed.held.append(Held("supports[0]", nodes, 1, values, "z1"))
-    write_archive(path, posed, 1e-3)
+    write_archive(path, posed, Units(1e-3))
     rows = [line.split(",") for line in path.read_text().splitlines() if line.startswith("D,")]
     assert [(int(node), label) for _, node, label, _ in rows] == [(tag, "UY") for tag in posed.rest.node_tags[nodes]]
     assert [float(value) for *_, value in rows] == pytest.approx(values * 1e3)
@@ -211,7 +212,7 @@ def test_equations_begin_with_a_displacement_that_nothing_else_holds(tmp_path: P
     posed.held += [Held("supports[1]", np.array([second]), 1, np.zeros(1))]
     directions = np.tile([0.8, 0.6, 0.0], (len(nodes), 1))
     posed.slides = [Slide("supports[2]", nodes, directions, np.zeros(len(nodes)), "x0")] * 2  # the same once more
-    write_archive(path, posed, 1.0)
+    write_archive(path, posed, Units(1.0))
     rows = [line.split(",") for line in path.read_text().splitlines() if line.startswith("CE,")]
     found = {int(row[3]): row[4::3] for row in rows}
     tags = posed.rest.node_tags
@@ -220,4 +221,4 @@ def test_equations_begin_with_a_displacement_that_nothing_else_holds(tmp_path: P
     assert tags[second] not in found
     posed.slides = [replace(posed.slides[0], values=np.full(len(nodes), 1e-3))]
     with pytest.raises(OutputError, match=r"supports\[2\]: nodes move along the normals"):
-        write_archive(path, posed, 1.0)
+        write_archive(path, posed, Units(1.0))

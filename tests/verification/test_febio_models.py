@@ -21,6 +21,7 @@ from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
 from hpcinv.studies.second_opinion.febio_model import LOADS, write_model
 from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody, add_loads
+from hpcinv.studies.second_opinion.units import Units
 
 MESHES = Path(__file__).parents[2] / "meshes"
 BODY: dict[str, Any] = {
@@ -87,12 +88,12 @@ def test_every_law_is_written_or_refused_by_its_name(tmp_path: Path) -> None:
         posed, path = body(), tmp_path / f"{name}.feb"
         posed.laws, posed.density = {"": law.model_validate(law.example)}, 1000.0
         if name in _CARDS:
-            write_model(path, posed, 1e-3)
+            write_model(path, posed, Units(1e-3))
             [material] = ET.parse(path).getroot().iter("material")
             assert float(material.findtext("density", "")) == pytest.approx(1e-9)  # t/mm³
         else:
             with pytest.raises(OutputError, match=f"law '{name}' has no counterpart in FEBio"):
-                write_model(path, posed, 1e-3)
+                write_model(path, posed, Units(1e-3))
 
 
 def test_displacements_that_vary_are_data_at_the_nodes(tmp_path: Path) -> None:
@@ -101,7 +102,7 @@ def test_displacements_that_vary_are_data_at_the_nodes(tmp_path: Path) -> None:
     [top] = [group for group in posed.rest.groups if group.name == "z1"]
     nodes = np.unique(posed.rest.facets[top.members])
     posed.held.append(Held("supports[0]", nodes, 1, 1e-3 * np.arange(len(nodes), dtype=np.float64), "z1"))
-    write_model(path, posed, 1e-3)
+    write_model(path, posed, Units(1e-3))
     root = ET.parse(path).getroot()
     [data] = root.iter("NodeData")
     [listed] = [entry.text or "" for entry in root.iter("NodeSet") if entry.get("name") == "z1"]
@@ -119,7 +120,7 @@ def test_two_laws_are_two_parts(tmp_path: Path) -> None:
     law = laws()["neo-hookean"]
     regions = [group.name for group in posed.rest.groups if group.dim == 3]
     posed.laws = {region: law.model_validate(law.example) for region in regions}
-    write_model(path, posed, 1.0)
+    write_model(path, posed, Units(1.0))
     root = ET.parse(path).getroot()
     assert [part.get("name") for part in root.iter("Elements")] == regions
     assert [domain.get("mat") for domain in root.iter("SolidDomain")] == regions
@@ -136,7 +137,7 @@ def test_surfaces_have_the_facets_of_the_elements_and_turn_outward(
 ) -> None:
     """FEBio presses along the negative normal of a facet, as its nodes turn, and has no forces on nodes it lacks."""
     posed, path = body(hexahedra, degree), tmp_path / "part.feb"
-    write_model(path, posed, 1.0)
+    write_model(path, posed, Units(1.0))
     root, size = ET.parse(path).getroot(), 4 if hexahedra else 3
     rows = [(int(node.get("id", "")), (node.text or "").split(",")) for node in root.iter("node")]
     places = {tag: np.array([float(x) for x in row]) for tag, row in rows}
@@ -157,7 +158,7 @@ def test_surfaces_have_the_facets_of_the_elements_and_turn_outward(
 def test_elements_of_27_nodes_have_the_order_of_febio(tmp_path: Path) -> None:
     """Faces at s = -1, r = 1, s = 1, r = -1, t = -1 and t = 1 of FEHex27::shape_fnc, then the centre."""
     posed, path = body(True, 2), tmp_path / "part.feb"
-    write_model(path, posed, 1.0)
+    write_model(path, posed, Units(1.0))
     root = ET.parse(path).getroot()
     places = {node.get("id"): [float(x) for x in (node.text or "").split(",")] for node in root.iter("node")}
     [part] = root.iter("Elements")
@@ -184,6 +185,6 @@ def test_nearly_incompressible_laws_have_a_formulation_with_a_pressure(
 ) -> None:
     posed, path = body(*kind), tmp_path / "part.feb"
     posed.laws = {"": laws()[law["law"]].model_validate(law)}
-    write_model(path, posed, 1.0)
+    write_model(path, posed, Units(1.0))
     [domain] = ET.parse(path).getroot().iter("SolidDomain")
     assert domain.get("type") == formulation

@@ -17,6 +17,7 @@ from hpcinv.studies.second_opinion.input_file import write_input_file
 from hpcinv.studies.second_opinion.loaded_body import loaded_body
 from hpcinv.studies.second_opinion.opinion import second_opinion
 from hpcinv.studies.second_opinion.regions import group_of
+from hpcinv.studies.second_opinion.units import Units
 
 DIVISIONS = {"length": 0.1, "width": 0.03, "nx": 8, "ny": 2}
 WEIGHT = {"effect": "gravity", "acceleration": [0, 0, -3], "density": 1000}
@@ -90,7 +91,7 @@ def test_parts_of_shells_without_counterpart_are_refused(tmp_path: Path) -> None
     posed = {"analysis": "forward", "mesh": SMALL, "effects": [], "supports": [*SHEET["supports"], turned]}
     body = loaded_body(solved(tmp_path / "turned", **SHEET | posed), LOADS, ABILITIES)
     with pytest.raises(OutputError, match="turns an edge"):
-        write_input_file(tmp_path / "a.inp", body, 1.0)
+        write_input_file(tmp_path / "a.inp", body, Units(1.0))
     [law] = body.laws.values()
     foundation = Foundation("effects[0]", group_of(body.rest, "outer"), 1e5, 0.0, False)
     drawn = np.where(
@@ -106,7 +107,7 @@ def test_parts_of_shells_without_counterpart_are_refused(tmp_path: Path) -> None
         ({"forces": drawn[:, None] * [1.0, 0.0, 0.0]}, "tractions on a face, whose moment"),
     ):
         with pytest.raises(OutputError, match=reason):
-            write_input_file(tmp_path / "a.inp", replace(body, **change), 1.0)
+            write_input_file(tmp_path / "a.inp", replace(body, **change), Units(1.0))
     pressed = replace(body, pressures=[(group_of(body.rest, "y1"), 8.0)])
     with pytest.raises(OutputError, match="'y1' is on an edge of a shell"):
-        write_input_file(tmp_path / "a.inp", pressed, 1.0)
+        write_input_file(tmp_path / "a.inp", pressed, Units(1.0))

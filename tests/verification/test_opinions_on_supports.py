@@ -16,6 +16,7 @@ from hpcinv.physics.effects.thermal_expansion import ThermalExpansion
 from hpcinv.studies.second_opinion.calculix_deck import LOADS, write_deck
 from hpcinv.studies.second_opinion.calculix_heat import add_expansion
 from hpcinv.studies.second_opinion.loaded_body import loaded_body
+from hpcinv.studies.second_opinion.units import Units
 
 TUBE: dict[str, Any] = {
     "file": "../meshes/thick_cylinder.py",
@@ -115,7 +116,7 @@ def test_small_thermal_expansion_is_as_ours(tmp_path: Path) -> None:
     )
     assert distance(run) < 5e-4  # 2 (alpha ΔT)² is 2e-4
     with pytest.raises(OutputError, match="no tested counterpart in Abaqus"):
-        write_deck(tmp_path / "a.inp", loaded_body(run, LOADS), 1.0, "abaqus")
+        write_deck(tmp_path / "a.inp", loaded_body(run, LOADS), Units(1.0), "abaqus")
     body = replace(loaded_body(run, LOADS), expansion=())
     hotter = ThermalExpansion.model_validate(heat | {"temperature_change": 150})
     assert "is another strain in CalculiX" in str(add_expansion(body, hotter, "effects[0]"))
@@ -144,7 +145,7 @@ def test_abaqus_gets_hybrid_elements_and_directions_of_fibres(
     assert reaches_given_body(run, again, discretisation=spaces) < 1e-5
     body = loaded_body(run)
     with pytest.raises(OutputError, match=r"fibres.b: its direction varies"):
-        write_deck(tmp_path / "a.inp", replace(body, fibres={"a": body.fibres["a"]}), 1.0, "abaqus")
+        write_deck(tmp_path / "a.inp", replace(body, fibres={"a": body.fibres["a"]}), Units(1.0), "abaqus")
     capsys.readouterr()
     assert main(["export", str(run), "--deck", str(tmp_path / "other.inp")]) == 2
     assert "CalculiX has no elements for incompressible bodies" in capsys.readouterr().err

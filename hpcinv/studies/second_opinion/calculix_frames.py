@@ -14,6 +14,7 @@ from hpcinv.formats.inp import number
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
 from hpcinv.studies.second_opinion.slides import Slide
+from hpcinv.studies.second_opinion.units import Units
 
 _PARALLEL = 1e-6
 """Sine of the angle below which directions are the same; raised, nearly parallel planes hold one direction only."""
@@ -109,13 +110,13 @@ class Frames:
                 yield f"*NSET, NSET={name}\n{tags[frame.nodes[0]]}\n"
             yield f"*TRANSFORM, NSET={name}\n{', '.join(number(entry) for entry in frame.axes[:2].ravel().tolist())}\n"
 
-    def held(self, tags: Ints, used: Ints, unit: float, *, moved: bool) -> Iterator[str]:
-        """Yield lines of ``*BOUNDARY`` of what moves, or of what does not; the unit is of length, m."""
+    def held(self, tags: Ints, used: Ints, units: Units, *, moved: bool) -> Iterator[str]:
+        """Yield lines of ``*BOUNDARY`` of what moves, or of what does not."""
         for name, frame in self._named(tags, used):
             for component, value in sorted(frame.held.items()):
                 if bool(value) is moved:
                     place = name if frame.region else tags[frame.nodes[0]]
-                    yield f"{place}, {component + 1}, {component + 1}, {number(value / unit)}\n"
+                    yield f"{place}, {component + 1}, {component + 1}, {number(value / units.length)}\n"
 
     def _named(self, tags: Ints, used: Ints) -> Iterator[tuple[str, Frame]]:
         is_used = np.zeros(len(tags), dtype=bool)

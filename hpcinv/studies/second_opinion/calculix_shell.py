@@ -39,7 +39,9 @@ from hpcinv.studies.second_opinion.calculix_deck import (
     step_head,
     weight_lines,
 )
+from hpcinv.studies.second_opinion.calculix_units import coarse_residual
 from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
+from hpcinv.studies.second_opinion.units import Units
 
 _LEVELS = 3
 """of nodes of a shell without layers: at the inner face, half way, and at the outer face"""
@@ -61,10 +63,10 @@ class _Sheet:
         columns: rows of the body's nodes (levels, n) at each node of the surface.
     """
 
-    def __init__(self, body: LoadedBody, unit: float) -> None:
+    def __init__(self, body: LoadedBody, units: Units) -> None:
         rest = body.rest
         surface, points = surface_source(rest, rest.points)
-        self.surface = dataclasses.replace(surface, points=points, read_as=(), unit=unit)
+        self.surface = dataclasses.replace(surface, points=points, read_as=(), unit=units.length)
         count = len(points)
         self.columns = np.arange(len(rest.points)).reshape(-1, count)
         self.elements = surface.cells[:, np.argsort(vtk_order(surface.kind, surface.degree))][:, :8]
@@ -73,13 +75,13 @@ class _Sheet:
         self.thickness = surface.data["thickness"].values[:, 0]
 
 
-def write_shell(path: Path, body: LoadedBody, unit: float, program: Program) -> Deck:
+def write_shell(path: Path, body: LoadedBody, units: Units, program: Program) -> Deck:
     """Write the deck of a shell; as `write_deck`.
 
     Raises:
         OutputError: it cannot be written, or has layers or a surface that is not in the middle.
     """
-    sheet = _Sheet(body, unit)
+    sheet = _Sheet(body, units)
     if faults := list(_faults(body, sheet, program)):
         raise OutputError(f"a deck of a shell cannot say: {'; '.join(faults)}", "Solve a job without it.")
     with tempfile.TemporaryDirectory() as directory:
@@ -88,11 +90,13 @@ def write_shell(path: Path, body: LoadedBody, unit: float, program: Program) -> 
         text = plain.read_text("utf-8")
     tags = sheet.surface.node_tags
     deck = Deck(sheet.columns[1][sheet.nodes], tags[sheet.nodes], "S8R")
-    refuse_small_compliances(body, unit, program)
-    lines = [text, *_model(body, sheet, deck, unit), *_step(body, sheet, deck, unit, program)]
+    refuse_small_compliances(body, units, program)
+    if program == "calculix" and (note := coarse_residual(body, units)):
+        body.notes.append(note)
+    lines = [text, *_model(body, sheet, deck, units), *_step(body, sheet, deck, units, program)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
-    write_output(expected_path(path), expected_table(body, deck, unit).encode(), advice)
+    write_output(expected_path(path), expected_table(body, deck, units).encode(), advice)
     return deck
 
 
@@ -113,7 +117,7 @@ def _faults(body: LoadedBody, sheet: _Sheet, program: Program) -> Iterator[str]:
         yield "tractions on a face, whose moment about the middle surface would be lost"
 
 
-def _model(body: LoadedBody, sheet: _Sheet, deck: Deck, unit: float) -> Iterator[str]:
+def _model(body: LoadedBody, sheet: _Sheet, deck: Deck, units: Units) -> Iterator[str]:
     """Yield sets, thickness, directors, material, section, and what is fixed."""
     tags = sheet.surface.node_tags
     yield f"*NSET, NSET={NODES}\n"
@@ -122,22 +126,22 @@ def _model(body: LoadedBody, sheet: _Sheet, deck: Deck, unit: float) -> Iterator
     yield from set_rows(sheet.surface.cell_tags.tolist())
     yield "*NODAL THICKNESS\n"
     for node in sheet.nodes.tolist():
-        yield f"{tags[node]}, {number(float(sheet.thickness[node]) / unit)}\n"
+        yield f"{tags[node]}, {number(float(sheet.thickness[node]) / units.length)}\n"
     yield "*NORMAL\n"
     for cell, nodes in zip(sheet.surface.cell_tags.tolist(), sheet.elements.tolist(), strict=True):
         for node in nodes:
             yield f"{cell}, {tags[node]}, {', '.join(map(number, sheet.directors[node].tolist()))}\n"
     [law] = body.laws.values()
-    yield card_of(law, "BODY", unit)
+    yield card_of(law, "BODY", units)
     if body.density:
-        yield f"*DENSITY\n{number(body.density * unit**4)}\n"
+        yield f"*DENSITY\n{number(body.density / units.density)}\n"
     yield f"*SHELL SECTION, ELSET={CELLS}, MATERIAL=BODY, NODAL THICKNESS\n"
-    yield f"{number(float(sheet.thickness.mean()) / unit)}\n"
+    yield f"{number(float(sheet.thickness.mean()) / units.length)}\n"
     yield from _faces(body, sheet)
-    yield from _held(body, sheet, unit, moved=False)
+    yield from _held(body, sheet, units, moved=False)
 
 
-def _held(body: LoadedBody, sheet: _Sheet, unit: float, *, moved: bool) -> Iterator[str]:
+def _held(body: LoadedBody, sheet: _Sheet, units: Units, *, moved: bool) -> Iterator[str]:
     lines = list[str]()
     tags, level = sheet.surface.node_tags, sheet.columns[1]
     for _, group in groupby(body.held, key=lambda held: held.place):
@@ -147,7 +151,9 @@ def _held(body: LoadedBody, sheet: _Sheet, unit: float, *, moved: bool) -> Itera
                 continue
             is_middle = np.isin(held.nodes, level[sheet.nodes])
             for node, value in zip(held.nodes[is_middle], held.values[is_middle].tolist(), strict=True):
-                lines.append(f"{tags[node - level[0]]}, {held.axis + 1}, {held.axis + 1}, {number(value / unit)}\n")
+                lines.append(
+                    f"{tags[node - level[0]]}, {held.axis + 1}, {held.axis + 1}, {number(value / units.length)}\n"
+                )
         if not moved:
             lines += _held_turns(entries, sheet)
     if lines:
@@ -192,15 +198,15 @@ def _turns(axes: Iterable[int], directors: Floats, place: str) -> Iterator[int]:
             yield 3 - axis - others[0]
 
 
-def _step(body: LoadedBody, sheet: _Sheet, deck: Deck, unit: float, program: Program) -> Iterator[str]:
+def _step(body: LoadedBody, sheet: _Sheet, deck: Deck, units: Units, program: Program) -> Iterator[str]:
     yield from step_head(program)
-    yield from _held(body, sheet, unit, moved=True)
-    yield from weight_lines(body, unit)
+    yield from _held(body, sheet, units, moved=True)
+    yield from weight_lines(body, units)
     for place, (_, pressure) in enumerate(body.pressures, 1):
-        yield f"*DSLOAD\nHPCINV_FACE_{place}, P, {number(pressure * unit**2)}\n"
+        yield f"*DSLOAD\nHPCINV_FACE_{place}, P, {number(pressure / units.stress)}\n"
     forces = np.zeros_like(body.forces)
     forces[sheet.columns[1]] = body.forces[sheet.columns].sum(axis=0)
-    if lines := list(nodal_forces(forces, deck)):
+    if lines := list(nodal_forces(forces, deck, units)):
         yield from ("*CLOAD\n", *lines)
     yield from output_lines()
 

@@ -18,17 +18,18 @@ from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.studies.second_opinion.calculix_frames import Frames
 from hpcinv.studies.second_opinion.foundations import Foundation, SpringPoints, spring_points
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
+from hpcinv.studies.second_opinion.units import Units
 
 _TERMS_PER_LINE = 4
 
 
-def spring_lines(body: LoadedBody, mesh: MeshSource, frames: Frames, node: int, unit: float) -> Iterator[str]:
+def spring_lines(body: LoadedBody, mesh: MeshSource, frames: Frames, node: int, units: Units) -> Iterator[str]:
     """Yield nodes, equations and springs of all foundations.
 
     Args:
         mesh: as the deck has it.
         node: number of the first node.
-        unit: of length, m.
+        units: of the deck.
     """
     element = int(mesh.cell_tags.max()) + 1
     for count, foundation in enumerate(body.foundations, 1):
@@ -36,14 +37,15 @@ def spring_lines(body: LoadedBody, mesh: MeshSource, frames: Frames, node: int, 
         stiffnesses = _stiffnesses(foundation)
         tags = range(node, node + len(points.points))
         yield "*NODE\n"
-        for tag, point in zip(tags, (points.points / unit).tolist(), strict=True):
+        for tag, point in zip(tags, (points.points / units.length).tolist(), strict=True):
             yield f"{tag}, {', '.join(map(number, point))}\n"
         yield from _equations(points, tags, _axes(points, foundation)[:, : len(stiffnesses)], mesh, frames)
         for axis, stiffness in enumerate(stiffnesses, 1):
             name = f"HPCINV_SPRINGS_{count}_{axis}"
             yield f"*ELEMENT, TYPE=SPRING1, ELSET={name}\n"
             yield from (f"{element + place}, {tag}\n" for place, tag in enumerate(tags))
-            yield f"*SPRING, ELSET={name}\n{axis}\n{number(stiffness * float(points.areas.mean()) * unit)}\n"
+            mean = stiffness * float(points.areas.mean()) / (units.force / units.length)
+            yield f"*SPRING, ELSET={name}\n{axis}\n{number(mean)}\n"
             element += len(tags)
         if len(stiffnesses) == 1:
             yield "*BOUNDARY\n"

@@ -17,7 +17,7 @@ class DeckFormat:
 
     Attributes:
         loads, abilities: what they can say.
-        write: writes one at a path, of a body, in a unit of length (m).
+        write: writes one at a path, of a body, in `Units`.
     """
 
     loads: Writers

@@ -29,6 +29,7 @@ from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, exp
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers
 from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.uniform_values import is_uniform
+from hpcinv.studies.second_opinion.units import Units
 
 _BODY = "BODY"
 """name of the part and of the material of a body with one law"""
@@ -49,33 +50,31 @@ _CONTROL = """<Control>
 </solver>
 </Control>"""
 """Ten steps to the full load, with the stiffness of follower pressures. Raised tolerances let FEBio's body differ."""
-_UNITS = {1.0: "SI", 1e-3: "mm-N-s"}
-"""systems of units that FEBio names, by their unit of length (m)"""
+_UNITS = {Units(1.0): "SI", Units(1e-3): "mm-N-s"}
+"""systems of units that FEBio names"""
 
 
-def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
+def write_model(path: Path, body: LoadedBody, units: Units) -> Deck:
     """Write a model, and next to it NAME-expected.csv with the place of each node in both bodies.
-
-    Forces are in N, so that stresses are in N per squared unit of length, and densities in N s² per its fourth power.
 
     Args:
         body: with the loads of `LOADS`.
-        unit: of length, m.
+        units: of its numbers.
 
     Raises:
         OutputError: it cannot be written, or a law has no card.
     """
     with tempfile.TemporaryDirectory() as directory:
         complete = replace(body.rest, nodes_per_cell=body.rest.cells.shape[1])
-        mesh = write_cells(Path(directory) / "mesh.feb", complete, None, 1.0, unit)
+        mesh = write_cells(Path(directory) / "mesh.feb", complete, None, 1.0, units.length)
     elements = elements_of(mesh, has_27=True)
     parts = {
         region or _BODY: group_of(mesh, region, 3).members if region else np.arange(len(mesh.cells))
         for region in body.laws
     }
     nodes = np.unique(elements)
-    cards = list(_materials(body, unit))
-    system = f"<units>{_UNITS[unit]}</units>" if unit in _UNITS else ""
+    cards = list(_materials(body, units))
+    system = f"<units>{_UNITS[units]}</units>" if units in _UNITS else ""
     lines = [
         *HEAD,
         f'<Module type="solid">{system}</Module>',
@@ -83,15 +82,15 @@ def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
         "<Material>",
         *(ET.tostring(card, encoding="unicode").strip() for card in cards),
         "</Material>",
-        *mesh_lines(mesh, mesh.points / unit, elements, parts),
+        *mesh_lines(mesh, mesh.points / units.length, elements, parts),
         "<MeshDomains>",
         *(
             f'<SolidDomain name="{escape(name)}" mat="{escape(name)}" type="{_formulation(body, elements, card)}"/>'
             for name, card in zip(parts, cards, strict=True)
         ),
         "</MeshDomains>",
-        *_supports(body, mesh, nodes, unit),
-        *_loads(body, unit),
+        *_supports(body, mesh, nodes, units),
+        *_loads(body, units),
         _CURVE,
         *_output(path),
         "</febio_spec>",
@@ -100,7 +99,7 @@ def write_model(path: Path, body: LoadedBody, unit: float) -> Deck:
     deck = Deck(nodes, mesh.node_tags[nodes], element)
     advice = "Is the directory there, and writable?"
     write_output(path, ("\n".join(lines) + "\n").encode(), advice)
-    write_output(expected_path(path), expected_table(body, deck, unit).encode(), advice)
+    write_output(expected_path(path), expected_table(body, deck, units).encode(), advice)
     return deck
 
 
@@ -116,19 +115,19 @@ def _formulation(body: LoadedBody, elements: Ints, card: ET.Element) -> str:
     return "elastic-solid" if card.find("k") is None else "three-field-solid"
 
 
-def _materials(body: LoadedBody, unit: float) -> Iterator[ET.Element]:
+def _materials(body: LoadedBody, units: Units) -> Iterator[ET.Element]:
     for number, (region, law) in enumerate(body.laws.items(), 1):
         try:
-            card = ET.fromstring(febio.write(Values(law, febio.PROGRAM, unit**-2), region or _BODY))
+            card = ET.fromstring(febio.write(Values(law, febio.PROGRAM, units.stress), region or _BODY))
         except JobError as error:
             raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
         card.set("id", str(number))
         if body.density:
-            ET.SubElement(card, "density").text = repr(body.density * unit**4)
+            ET.SubElement(card, "density").text = repr(body.density / units.density)
         yield card
 
 
-def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, unit: float) -> Iterator[str]:
+def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, units: Units) -> Iterator[str]:
     """Yield what is held; displacements that vary over a region are data at its nodes."""
     data, conditions = list[str](), list[str]()
     for place, group in groupby(body.held, key=lambda held: held.place):
@@ -140,7 +139,7 @@ def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, unit: float) -> It
             conditions.append(f'<bc name="{place}" node_set="{region}" type="zero displacement">{dofs}</bc>')
         for held in entries:
             if held.axis not in fixed:
-                values = held.values[np.isin(held.nodes, nodes)] / unit
+                values = held.values[np.isin(held.nodes, nodes)] / units.length
                 data += _data(held, values)
                 conditions.append(_prescribed(held, values))
     if data:
@@ -168,21 +167,23 @@ def _prescribed(held: Held, values: Floats) -> str:
     )
 
 
-def _loads(body: LoadedBody, unit: float) -> Iterator[str]:
+def _loads(body: LoadedBody, units: Units) -> Iterator[str]:
     yield "<Loads>"
     for group, pressure in body.pressures:
         yield (
             f'<surface_load surface="{escape(group.name)}" type="pressure">'
-            f'<pressure lc="1">{pressure * unit**2!r}</pressure><linear>0</linear></surface_load>'
+            f'<pressure lc="1">{pressure / units.stress!r}</pressure><linear>0</linear></surface_load>'
         )
     for group, traction, is_current in body.tractions:
-        entries = ",".join(repr(float(entry) * unit**2) for entry in traction)
+        entries = ",".join(repr(float(entry) / units.stress) for entry in traction)
         yield (
             f'<surface_load surface="{escape(group.name)}" type="traction"><scale lc="1">1</scale>'
             f"<traction>{entries}</traction><linear>{int(not is_current)}</linear></surface_load>"
         )
     if body.density and body.acceleration.any():
-        entries = ",".join(repr(-float(entry) / unit) for entry in body.acceleration)  # FEBio's sign is the opposite
+        entries = ",".join(
+            repr(-float(entry) / units.length) for entry in body.acceleration
+        )  # FEBio's sign is the opposite
         yield f'<body_load type="body force"><force lc="1">{entries}</force></body_load>'
     yield "</Loads>"
 

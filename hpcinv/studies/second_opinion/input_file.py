@@ -8,11 +8,12 @@ from hpcinv.job.body_kinds import SHELL, SOLID
 from hpcinv.studies.second_opinion.calculix_deck import Deck, Program, write_deck
 from hpcinv.studies.second_opinion.calculix_shell import write_shell
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
+from hpcinv.studies.second_opinion.units import Units
 
 
-def write_input_file(path: Path, body: LoadedBody, unit: float, program: Program = "calculix") -> Deck:
+def write_input_file(path: Path, body: LoadedBody, units: Units, program: Program = "calculix") -> Deck:
     """Write the deck of any body; as `hpcinv.studies.second_opinion.calculix_deck.write_deck`."""
-    return _WRITERS[body.rest.body_kind](path, body, unit, program)
+    return _WRITERS[body.rest.body_kind](path, body, units, program)
 
 
 _WRITERS = {SOLID.name: write_deck, SHELL.name: write_shell}

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.files.names import is_file
-from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import HpcinvError, OutputError
 from hpcinv.mesh.source import Floats
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.summary import write_on_this_rank
-from hpcinv.physics.materials import MaterialLaw
-from hpcinv.studies.second_opinion.loaded_body import LoadedBody, loaded_body
+from hpcinv.studies.second_opinion.loaded_body import loaded_body
 from hpcinv.studies.second_opinion.program_run import NoOpinion
 from hpcinv.studies.second_opinion.programs import PROGRAMS
 from hpcinv.studies.second_opinion.same_elements import equilibrium_of, with_elements
@@ -28,8 +26,6 @@ _AGREES, _AGREES_ROUGHLY = 1e-3, 1e-2
 """Distances, relative to the largest displacement, up to which both programs agree: with the same elements, and where
 elements differ by what is not known. Raised, an error of a load is not seen; lowered, digits of CalculiX's file are."""
 _OTHER_EQUILIBRIUM = "its body is in equilibrium by our equations, too: the rest shape has several under this load"
-_STIFFEST = 1e7
-"""largest bulk modulus in a deck, in N per squared unit"""
 _LIMIT = 600.0
 """seconds for the program where a job asks for it"""
 TOPIC = Topic(
@@ -130,11 +126,11 @@ def second_opinion(
     except OSError as error:
         raise OutputError(f"{directory}: cannot be made: {error.strerror}") from None
     path = directory / f"{body.name}{program.suffix}"
-    unit = _unit_of(body)
-    deck = program.deck.write(path, body, unit)
+    units = program.units(body)
+    deck = program.deck.write(path, body, units)
     try:
         executable = program.command(executable)
-        theirs = unit * program.displacements(executable, path, deck.tags, limit, memory)
+        theirs = units.length * program.displacements(executable, path, deck.tags, limit, memory)
     except NoOpinion as error:
         _record(run, Line(TOPIC, None, "", "", Verdict.UNDECIDED, error.message))
         raise
@@ -163,24 +159,6 @@ def second_opinion(
             opinion = replace(opinion, notes=(_OTHER_EQUILIBRIUM, *opinion.notes))
     _record(run, opinion.line())
     return opinion
-
-
-def _unit_of(body: LoadedBody) -> float:
-    """Return the unit of length (m) of the deck, a power of ten.
-
-    CalculiX refuses cells below 1e-20 cubed units, and takes compliances below 1e-10 for 0.
-    """
-    by_size = np.ptp(body.rest.points, axis=0).max()
-    by_stiffness = np.sqrt(_STIFFEST / max(map(_stiffness, body.laws.values())))
-    return float(10.0 ** np.floor(np.log10(min(by_size, by_stiffness))))
-
-
-def _stiffness(law: MaterialLaw) -> float:
-    """Return the bulk modulus (Pa) of a law that is the same everywhere and compressible; else a small number."""
-    if law.is_incompressible or not all(is_uniform(value) for value, _ in law.quantities().values()):
-        return 1.0
-    young, poisson = law.young_and_poisson()
-    return young / (3 * (1 - 2 * poisson))
 
 
 def _largest(vectors: Floats) -> float:

@@ -8,7 +8,10 @@ from pathlib import Path
 
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.studies.second_opinion import calculix, febio
+from hpcinv.studies.second_opinion.calculix_units import fitting_units
 from hpcinv.studies.second_opinion.decks import DECKS, DeckFormat
+from hpcinv.studies.second_opinion.loaded_body import LoadedBody
+from hpcinv.studies.second_opinion.units import Units
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class Program:
         name: for messages.
         suffix: of its deck.
         command: returns the path of an executable, or of the installed one.
+        units: returns the units of a body's deck.
         displacements: runs a deck, and returns displacements of nodes.
         version: returns the version of an executable that has run a deck.
         mixed: why its elements for bodies with an unknown pressure are not known here; empty if they have none.
@@ -27,6 +31,7 @@ class Program:
     name: str
     suffix: str
     command: Callable[[str | None], str]
+    units: Callable[[LoadedBody], Units]
     displacements: Callable[[str, Path, Ints, float, int | None], Floats]
     version: Callable[[str, Path], str]
     mixed: str = ""
@@ -42,6 +47,7 @@ PROGRAMS: Mapping[str, Program] = {
         calculix.PROGRAM,
         ".inp",
         calculix.command,
+        fitting_units,
         calculix.displacements,
         lambda executable, deck: calculix.version(executable),
     ),
@@ -49,6 +55,7 @@ PROGRAMS: Mapping[str, Program] = {
         febio.PROGRAM,
         ".feb",
         febio.command,
+        lambda body: Units(1.0),
         febio.displacements,
         febio.version,
         "they have one pressure each",
