@@ -34,7 +34,7 @@ def body_on(comm: MPI.Intracomm, name: str, meshes: Path) -> Body:
     return build_body(spec(meshes / file, **settings), {}, comm, resolve=Path)
 
 
-@pytest.mark.everyday("tetrahedra-metis-3", "tetrahedra-scotch-4", "hexahedra-2", "curved-3")
+@pytest.mark.everyday("tetrahedra-scotch-4", "hexahedra-2")
 @pytest.mark.parallel(3)
 @pytest.mark.parametrize(
     ("mesh", "degree"),

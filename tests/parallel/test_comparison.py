@@ -93,7 +93,7 @@ def test_an_expected_shape_of_another_mesh_is_refused_on_all_ranks(
             read_expected(wrong, body)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_surface_or_an_image_may_be_expected(comm: MPI.Intracomm, run_directory: Path) -> None:
     """A box of 3 m that was found 1 cm thicker at both ends, and 5 cm aside, which an alignment takes away."""
     import pyvista

@@ -95,7 +95,7 @@ def test_products_agree_with_the_matrix(data: dict[str, Any], comm: MPI.Intracom
         assert error < 1e-5
 
 
-@pytest.mark.everyday("mixed-in each product", "mixed-beforehand", "hexahedra-beforehand")
+@pytest.mark.everyday("mixed-in each product", "hexahedra-beforehand")
 @pytest.mark.parallel([1, 3, 2])
 @pytest.mark.parametrize("few", [8, 0], ids=["in each product", "beforehand"])
 @pytest.mark.parametrize("data", [MIXED, TWO_REGIONS, CUBES], ids=["mixed", "regions", "hexahedra"])

@@ -45,7 +45,7 @@ def round_trip(result: Any) -> float:
     return float(entry)
 
 
-@pytest.mark.everyday(".vtu-tetrahedron-3", ".msh-hexahedron-2")
+@pytest.mark.everyday(".msh-hexahedron-2")
 @pytest.mark.parallel(RANKS)
 @pytest.mark.parametrize(("kind", "degree"), [("tetrahedron", 2), ("hexahedron", 2), ("tetrahedron", 3)])
 @pytest.mark.parametrize("suffix", [".vtu", ".msh"])
@@ -75,6 +75,7 @@ def test_straight_files_close_and_keep_their_numbering(
     on_root(comm, check)
 
 
+@pytest.mark.everyday("-3")
 @pytest.mark.parallel(RANKS)
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_nodes_of_a_higher_degree_are_on_the_given_cells(degree: int, comm: MPI.Intracomm, meshes: Path) -> None:

@@ -51,7 +51,7 @@ def block_of(comm: MPI.Intracomm, directory: Path) -> Body:
     return build_body(spec(path), {}, comm)
 
 
-@pytest.mark.everyday("inverse", "later state")
+@pytest.mark.everyday("later state")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("case", ["inverse", "forward", "later state"])
 def test_directions_in_shape_files_are_of_the_computed_body(

@@ -65,7 +65,7 @@ def test_a_run_stops_wherever_it_asks_and_goes_on_from_there(
     solves = sum(len(solve.iterations) for solve in whole.solutions[0].solves)
     print(f"{never.calls} requests, {solves} Newton iterations")
     assert never.calls > solves + len(whole.certificate.lines) + 10  # within checks, too
-    for at in range(1, never.calls + 1, 17):
+    for at in range(1, never.calls + 1, 37):
         path = run_directory / f"at-{at}"
         with pytest.raises(Interrupted) as stopped:
             hpcinv.run(standing(), comm, directory=path, stop_asked=StopAt(comm, at))

@@ -133,9 +133,13 @@ def test_loads_that_cancel_have_no_resultant() -> None:
         ),
     ],
 )
-def test_probable_unit_mistakes_are_warned_of_unless_confirmed(job: dict[str, Any], text: str) -> None:
+def test_probable_unit_mistakes_are_warned_of(job: dict[str, Any], text: str) -> None:
     assert any(text in warning for warning in totals(MPI.COMM_SELF, **job).warnings)
-    assert totals(MPI.COMM_SELF, **job, output={"unit_warnings": False, "mesh": []}).warnings == ()
+
+
+def test_unit_mistakes_are_not_warned_of_if_units_are_confirmed() -> None:
+    confirmed = totals(MPI.COMM_SELF, **block(120.0), output={"unit_warnings": False, "mesh": []})
+    assert confirmed.warnings == ()
 
 
 @pytest.mark.parametrize(

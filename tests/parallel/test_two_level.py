@@ -37,7 +37,7 @@ def sphere(*, hexahedra: bool, geometry: int, **changes: Any) -> dict[str, Any]:
 def standing(**changes: Any) -> dict[str, Any]:
     """A block on a clamped bottom, whose edges are singular."""
     return {
-        "mesh": box((3, 3, 3)),
+        "mesh": box((2, 2, 2)),
         "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
         "effects": [{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 500}],
         "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],

@@ -170,7 +170,7 @@ def test_the_largest_tension_is_reported(analysis: str, comm: MPI.Intracomm, run
     assert reached == pytest.approx(0.8, abs=1e-5)
 
 
-@pytest.mark.parallel([2])
+@pytest.mark.parallel([2, 1])
 def test_a_run_interrupted_beyond_the_limit_point_goes_on_there(comm: MPI.Intracomm, run_directory: Path) -> None:
     file = run_directory / "cube.yaml"
     on_root(comm, lambda: file.write_text(cube(0.9, limit_points=1).model_dump_json(exclude_unset=True)))

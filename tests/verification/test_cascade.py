@@ -96,7 +96,7 @@ def test_the_cascade_goes_on_to_the_next_and_gives_up_in_bounds(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fallbacks, "EFFORT", dict.fromkeys(fallbacks.EFFORT, 5))
-    attempts_made = attempts(tried(sphere(30.0, radial=4, minimum_step=0.02), comm))
+    attempts_made = attempts(tried(sphere(30.0, radial=2, minimum_step=0.02), comm))
     print(attempts_made)
     assert [attempt.strategy for attempt in attempts_made] == ["load steps", "arc-length", "line-search"]
     assert attempts_made[1].outcome is Outcome.STEP_LIMIT

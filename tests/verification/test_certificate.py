@@ -46,7 +46,7 @@ def effectivities(result: Result, exact: dict[str, float]) -> dict[str, float]:
     return {name: result.estimate.quantities[name] / (value - result.quantities[name]) for name, value in exact.items()}
 
 
-@pytest.mark.everyday("4-False")
+@pytest.mark.everyday("2-False")
 @pytest.mark.parametrize(("divisions", "hexahedra"), [(2, True), (4, True), (2, False), (4, False)])
 def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, comm: MPI.Intracomm) -> None:
     A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
@@ -55,6 +55,7 @@ def test_the_error_of_the_sphere_is_estimated(divisions: int, hexahedra: bool, c
     assert all(0.5 < value < 2 for value in ratios.values())
 
 
+@pytest.mark.everyday("4")
 @pytest.mark.parametrize("divisions", [2, 4, 8])
 def test_the_error_of_the_column_is_estimated(divisions: int, comm: MPI.Intracomm) -> None:
     ratios = effectivities(hpcinv.run(column(divisions), comm), {"length": 1.0802799})
@@ -129,7 +130,7 @@ def test_the_estimate_says_where_the_error_is(comm: MPI.Intracomm) -> None:
     assert clamped > 5 * free > 0
 
 
-@pytest.mark.everyday("displacement-8.7-2", "displacement-9.5-4", "mixed-8.7-2", "mixed-9.5-4")
+@pytest.mark.everyday("displacement-8.7-2", "mixed-9.5-4")
 @pytest.mark.parametrize(("share", "unstable"), [(0.97, 0), (1.05, 2), (8.7, 2), (9.5, 4)])
 @pytest.mark.parametrize("formulation", ["displacement", "mixed"])
 def test_a_column_beyond_its_euler_load_is_unstable(
@@ -140,7 +141,7 @@ def test_a_column_beyond_its_euler_load_is_unstable(
     euler = np.pi**2 * young * side**4 / 12 / (4 * length**2)
     result = hpcinv.run(
         job(
-            mesh=box((1, 1, 20), lx=side, ly=side, lz=length, hexahedra=True),
+            mesh=box((1, 1, 10), lx=side, ly=side, lz=length, hexahedra=True),
             material={"law": "neo-hookean", "young": young, "poisson": 0.0 if formulation == "displacement" else 0.3},
             effects=[
                 {
@@ -181,6 +182,7 @@ def test_forces_balance(comm: MPI.Intracomm) -> None:
     equilibrium.destroy()
 
 
+@pytest.mark.everyday("near-1", "path-2")
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 @pytest.mark.parametrize("start", ["near", "path"])
 def test_the_return_solve_closes_on_straight_cells_too(start: str, geometry_degree: int, comm: MPI.Intracomm) -> None:
@@ -196,9 +198,9 @@ def test_a_return_solve_that_fails_is_not_decided(comm: MPI.Intracomm) -> None:
     """A soft block carries itself in the shape that is given; Newton's method does not find the path to it."""
     result = hpcinv.run(
         job(
-            mesh=box((2, 2, 2), lx=2.0, ly=2.0, lz=2.0) | {"geometry_degree": 2},
+            mesh=box((1, 1, 2), lx=2.0, ly=2.0, lz=2.0) | {"geometry_degree": 2},
             material={"law": "neo-hookean", "mu": "2 kPa", "lam": "80 kPa"},
-            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 1000}],
+            effects=[{"effect": "gravity", "acceleration": [0, 0, -9.81], "density": 800}],
             supports=[{"region": "z0", "fix": ["x", "y", "z"]}],
             discretisation={"formulation": "mixed"},
             certificate=NO_CERTIFICATE | {"round_trip": "path"},
@@ -210,6 +212,7 @@ def test_a_return_solve_that_fails_is_not_decided(comm: MPI.Intracomm) -> None:
     assert "stopped at load factor" in closure.note
 
 
+@pytest.mark.everyday("1")
 @pytest.mark.parametrize("geometry_degree", [1, 2])
 def test_fixed_points_are_equilibria_on_straight_cells_too(geometry_degree: int, comm: MPI.Intracomm) -> None:
     beam_job = job(
@@ -284,7 +287,6 @@ COLUMN: dict[str, Any] = {
     ("share", "certificate", "options", "code", "verdict"),
     [
         (0.5, NO_CERTIFICATE, ["--strict"], 0, "pass"),
-        (0.5, NO_CERTIFICATE | {"estimate": True}, [], 0, "warning"),
         (0.5, NO_CERTIFICATE | {"estimate": True}, ["--strict"], 7, "warning"),
         (1.5, NO_CERTIFICATE | {"stability": True}, [], 6, "fail"),
     ],

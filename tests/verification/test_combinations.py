@@ -55,7 +55,7 @@ def _solver(**changes: Any) -> Callable[[Data, Path], Data]:
 
 
 def _shell(data: Data, directory: Path) -> Data:
-    file = save_sheet(directory / "sheet.msh", 2, 2, lambda s, t: np.column_stack([s, 0.3 * s * (1 - s), t]))
+    file = save_sheet(directory / "sheet.msh", 2, 1, lambda s, t: np.column_stack([s, 0.3 * s * (1 - s), t]))
     weak = {**PULL, "traction": [0.01, 0.0, 0.002]}
     return data | {"mesh": {"file": str(file), "shell": {"thickness": 0.1}}, "effects": [weak]}
 

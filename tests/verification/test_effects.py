@@ -103,7 +103,7 @@ def test_tangent_is_the_derivative_of_the_residual(
     equilibrium.destroy()
 
 
-@pytest.mark.everyday("pressure")
+@pytest.mark.everyday("=1-pressure")
 @pytest.mark.parallel([2, 1])
 @of_every_effect
 def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:

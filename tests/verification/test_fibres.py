@@ -288,7 +288,7 @@ def write_with_directions(path: Path, meshes: Path) -> None:
     grid.save(path)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_directions_at_nodes_agree_with_their_formula(comm: MPI.Intracomm, run_directory: Path, meshes: Path) -> None:
     file = run_directory / "grain.vtu"
     on_root(comm, lambda: write_with_directions(file, meshes))

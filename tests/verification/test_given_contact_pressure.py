@@ -40,6 +40,7 @@ def solved(
     return hpcinv.run(job(**mesh | {"interfaces": [contact]} | GIVEN | data), comm, directory=directory)
 
 
+@pytest.mark.everyday("cells1")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("cells", "pressure"), [((2, 2), 0.05), ((1, 2), "0.04 + 0.02*x - 0.01*y")])
 def test_bodies_are_the_ones_under_the_same_pressure_on_both_faces(

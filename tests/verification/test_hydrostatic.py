@@ -21,6 +21,7 @@ def fluid(*regions: str, level: list[float], acceleration: tuple[float, ...] = (
     return [{"effect": "hydrostatic-pressure", "region": region, **common} for region in regions]
 
 
+@pytest.mark.everyday("forward-tetrahedra", "inverse-hexahedra")
 @pytest.mark.parametrize("hexahedra", [False, True], ids=["tetrahedra", "hexahedra"])
 @pytest.mark.parametrize(
     ("direction", "regions"), [("forward", FACES), ("inverse", ("boundary",))], ids=["forward", "inverse"]
@@ -63,6 +64,7 @@ def test_a_half_wet_wall_carries_a_triangle_of_pressure(direction: str) -> None:
     np.testing.assert_allclose(loaded.torque((0, 0.5, 0.5 / 3)), 0, atol=1e-12 * force)
 
 
+@pytest.mark.everyday("forward-hexahedra", "inverse-tetrahedra")
 @pytest.mark.parametrize("hexahedra", [False, True], ids=["tetrahedra", "hexahedra"])
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_a_level_inside_cells_is_integrated(direction: str, hexahedra: bool) -> None:

@@ -95,7 +95,7 @@ def test_the_closed_form_has_published_radii() -> None:
     assert [closed_radii["A"], closed_radii["B"]] == pytest.approx([A, B], abs=1e-10)
 
 
-@pytest.mark.everyday("tetrahedra")
+@pytest.mark.everyday("hexahedra")
 @CELLS
 def test_layers_converge_as_one_material_and_the_estimate_shows_their_error(
     hexahedra: bool, comm: MPI.Intracomm

@@ -57,10 +57,10 @@ def test_supported_blocks_store_less_than_with_other_closures(comm: MPI.Intracom
     posed: dict[str, Any] = {"supports": [CLAMP, {"region": "z1", "displacement": [0, 0, -0.05]}]}
     found = {
         closure: blocks(comm, closure, {"lower": 1, "upper": 2}, analysis="inverse", **posed).solutions[0]
-        for closure in ("least-energy", "conforming", "touching")
+        for closure in ("least-energy", "conforming")
     }
     least = found.pop("least-energy")
-    assert all(least.strain_energy < 0.9999 * other.strain_energy for other in found.values())
+    assert least.strain_energy < 0.9999 * found["conforming"].strain_energy
     assert 0 < least.contacts[0].force[2] < 0.1 * found["conforming"].contacts[0].force[2]
     assert least.contacts[0].fields[1].x.array.min() >= 0.0
 

@@ -22,7 +22,7 @@ from hpcinv.trust.certificate.limit_points import LIMIT_POINTS, limit_points
 from hpcinv.trust.certificate.stability import STABILITY
 
 
-@pytest.mark.everyday("1.4-pressures1", "2-pressures0", "2-pressures1", "3-pressures1")
+@pytest.mark.everyday("2-pressures0", "3-pressures1")
 @pytest.mark.parametrize("pressures", [{}, {"pressure": 1}])
 @pytest.mark.parametrize("stretch", [1.4, 2, 3])
 def test_free_growth_has_no_limit_point(stretch: float, pressures: dict[str, int], comm: MPI.Intracomm) -> None:

@@ -273,7 +273,7 @@ def test_relaxation_slows_a_good_fixed_point_down(comm: MPI.Intracomm) -> None:
     assert len(relaxed) > len(plain)
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_a_stopped_search_is_resumed_where_it_was(comm: MPI.Intracomm, run_directory: Path) -> None:
     path = run_directory / "block.yaml"
     mesh = block()["mesh"] | {"file": str(ROOT / "meshes" / "box.py")}

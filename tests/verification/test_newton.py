@@ -48,8 +48,8 @@ def test_one_symbolic_analysis_serves_the_run(solver: dict[str, Any], comm: MPI.
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_reuse_and_steps_do_not_change_the_answer(direction: str, comm: MPI.Intracomm) -> None:
     default = beam(comm, direction=direction)
-    careful = beam(comm, direction=direction, strategy="fixed", steps=6, reuse_tangent=False)
-    assert default.solutions[0].factorizations * 3 < careful.solutions[0].factorizations
+    careful = beam(comm, direction=direction, strategy="fixed", steps=4, reuse_tangent=False)
+    assert default.solutions[0].factorizations * 2 < careful.solutions[0].factorizations
     assert np.abs(default.shape - careful.shape).max() < 1e-10 * silicone_beam.LENGTH
 
 

@@ -40,6 +40,7 @@ def test_oblique_planes_hold_as_ours_and_are_read_back(tmp_path: Path) -> None:
 
 
 @needs_calculix
+@pytest.mark.everyday("further0")
 @pytest.mark.parametrize(
     "further", [{"region": "y0", "fix": ["normal"], "normal": [0, 1, 1]}, {"region": "z1", "fix": ["y"]}]
 )

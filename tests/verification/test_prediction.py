@@ -72,6 +72,7 @@ def test_a_spin_turns_by_its_angle_and_a_strain_stretches_wherever_the_body_lies
     equilibrium.destroy()
 
 
+@pytest.mark.everyday("mixed")
 @pytest.mark.parametrize("form", FORMS)
 def test_mixed_integration_point_term_is_symmetric_and_of_second_order(form: str, comm: MPI.Intracomm) -> None:
     model, equilibrium = equations(comm, form=form)

@@ -94,6 +94,7 @@ def test_a_cube_has_the_stress_and_the_energy_of_the_elastic_part(
     assert np.abs(cauchy(F0, F0)).max() < 1e-12 * MU
 
 
+@pytest.mark.everyday("forward")
 @both_ways
 def test_a_free_cube_takes_the_shape_of_its_prestrain(direction: str, comm: MPI.Intracomm) -> None:
     U = np.diag([1.2, 0.85, 1.1])
@@ -181,7 +182,7 @@ def tensors(points: np.ndarray) -> np.ndarray:
 FORMULAS = [["1 + 0.1*x/(1 m)", "0.05*z/(1 m)", 0], [0, "1 - 0.1*y/(1 m)", 0], [0, 0, "1 + 0.05*x/(1 m)"]]
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 def test_data_of_the_mesh_are_the_formula_that_they_come_from(run_directory: Path, comm: MPI.Intracomm) -> None:
     """Curved bodies of quadratic cells, there and back: data belong to the points of the material."""
     file = run_directory / "block.vtu"
@@ -398,12 +399,12 @@ def test_a_ring_that_was_closed_has_its_residual_stress(comm: MPI.Intracomm) -> 
         # On several ranks, one pressure in each direction.
         finer = 0.0 if direction == "forward" else 0.2  # the pressure at which errors on two meshes are compared
         for pressure in (0.0, 0.2) if comm.size == 1 else (finer,):
-            divisions = (3, 6) if comm.size == 1 and pressure == finer else (3,)
+            divisions = (2, 4) if comm.size == 1 and pressure == finer else (2,)
             errors = np.array([ring(direction, pressure, n, comm) for n in divisions])
             if comm.rank == 0:
                 print(f"{direction}, {pressure} Pa, {comm.size} ranks: errors of radii and stress {digits(errors)}")
-            assert errors[0, :2].max() < 3e-5
-            assert errors[0, 2:].max() < 5e-3
+            assert errors[0, :2].max() < 3e-4
+            assert errors[0, 2:].max() < 2e-2
             if len(divisions) == 2:
                 radii, stress = errors[:, :2].max(axis=1), errors[:, 2:].max(axis=1)
                 assert radii[1] < radii[0] / 6

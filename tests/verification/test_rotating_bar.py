@@ -64,12 +64,12 @@ def rotated(direction: str, divisions: int, comm: MPI.Intracomm, *, hexahedra: b
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_lengthening_converges_with_order_four(direction: str, density_in: str, comm: MPI.Intracomm) -> None:
     exact = lengthening(direction, density_in)
-    errors = [rotated(direction, n, comm, density_in=density_in)["end"] / exact - 1 for n in (8, 16, 32)]
+    errors = [rotated(direction, n, comm, density_in=density_in)["end"] / exact - 1 for n in (8, 16)]
     orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
     title = f"{direction}, density per {density_in} volume"
     print(f"{title}: {exact:.7f} m, errors {digits(errors)}, orders {orders.round(2)}")
     assert orders.min() > 3.9
-    assert abs(errors[-1]) < 1e-8
+    assert abs(errors[-1]) < 1.6e-7
 
 
 @pytest.mark.release
@@ -86,6 +86,7 @@ def test_a_thin_bar_of_tetrahedra(direction: str, comm: MPI.Intracomm) -> None:
     assert abs(error) < 1e-6
 
 
+@pytest.mark.everyday("forward")
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_a_slow_bar_agrees_with_linear_elasticity(direction: str, comm: MPI.Intracomm) -> None:
     """``u = rho ω²/M (L² X/2 - X³/6)``, ``M = lam + 2 mu``, which quadratic elements have exactly at their ends."""

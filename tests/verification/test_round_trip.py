@@ -100,7 +100,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.everyday("displacement")
+@pytest.mark.everyday("True-displacement-inverse", "False-displacement-forward")
 @pytest.mark.parametrize("direction", ["inverse", "forward"])
 @pytest.mark.parametrize("form", ["displacement", "mixed"])
 @pytest.mark.parametrize("curved", [True, False])
@@ -112,6 +112,7 @@ def test_perturbed_solutions_fail_the_round_trip(direction: str, form: str, curv
 
 
 # Forward, the factors of the solve serve.
+@pytest.mark.everyday("inverse-True", "forward-False")
 @pytest.mark.parametrize(
     ("direction", "curved", "factorizations"), [("inverse", True, 1), ("inverse", False, 1), ("forward", False, 0)]
 )

@@ -65,7 +65,7 @@ def factorizations(solution: Solved) -> int:
     return sum(solve.factorizations for solve in solution.solves)
 
 
-@pytest.mark.everyday("inverse", "prescribed motion")
+@pytest.mark.everyday("prescribed motion")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("name", PATHS)
 def test_series_and_load_steps_end_in_the_same_state(name: str, comm: MPI.Intracomm) -> None:

@@ -125,6 +125,7 @@ def test_a_turned_octant_of_a_sphere_recovers_its_radii(comm: MPI.Intracomm, tmp
     assert quantities["outer"] == pytest.approx(outer_radius(A), rel=5e-3)
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_a_ring_in_a_bore_is_compressed_along_it(comm: MPI.Intracomm, tmp_path: Path, direction: str) -> None:
     """Between two rigid cylinders only the length changes: the state is homogeneous, ``F = diag(1, 1, λ)``.
@@ -178,7 +179,7 @@ def pendulum(direction: str, weight: float, stiffness: float, **more: Any) -> Jo
     return job(analysis=direction, material=NEO_HOOKEAN, **settings, **more)
 
 
-@pytest.mark.parallel([2])
+@pytest.mark.parallel([2, 1])
 def test_a_pendulum_in_a_bore_swings_to_its_equilibrium(comm: MPI.Intracomm) -> None:
     """The moments ``cos θ / 2`` and ``sin θ`` are equal, or ``1/2`` and ``sin θ`` at the given place of the inverse."""
     for direction, angle in (("forward", np.arctan(0.5)), ("inverse", np.arcsin(0.5))):
@@ -288,7 +289,7 @@ def test_nodes_off_their_surface_are_refused(surface: str, message: str) -> None
         run(job(mesh=box(), material=NEO_HOOKEAN, supports=supports))
 
 
-@pytest.mark.parallel(2)
+@pytest.mark.parallel([2, 1])
 def test_a_bore_that_barely_holds_a_body_is_named(comm: MPI.Intracomm) -> None:
     """A heated sector turns outwards on its bore, unless a plane holds it."""
     heat = {"effect": "thermal-expansion", "coefficient": "1e-3 1/K", "temperature_change": "20 K"}

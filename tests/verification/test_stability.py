@@ -63,6 +63,7 @@ def half_block(stretch: float, divisions: int, *, hexahedra: bool, **changes: An
     return job(**data | changes)
 
 
+@pytest.mark.everyday("4")
 @pytest.mark.parametrize("divisions", [4, 6])
 def test_spurious_modes_of_hexahedra_are_not_taken_for_instabilities(divisions: int, comm: MPI.Intracomm) -> None:
     line = line_of(half_block(0.75, divisions, hexahedra=True), comm)
@@ -72,7 +73,7 @@ def test_spurious_modes_of_hexahedra_are_not_taken_for_instabilities(divisions: 
     assert "spurious" in line.note
 
 
-@pytest.mark.everyday("0.65-False", "0.65-True")
+@pytest.mark.everyday("0.65-False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 @pytest.mark.parametrize("share", [0.65, 0.97])
 def test_a_block_short_of_its_surface_instability_does_not_fail(
@@ -104,7 +105,7 @@ def test_a_compressible_block_short_of_its_limit(formulation: str, verdict: Verd
     )
 
 
-@pytest.mark.everyday("False-1.5", "True-1.5", "True-4.0")
+@pytest.mark.everyday("False-1.5", "True-4.0")
 @pytest.mark.parametrize("stretch", [1.5, 4.0])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_block_under_tension_is_stable(stretch: float, hexahedra: bool, comm: MPI.Intracomm) -> None:
@@ -120,8 +121,6 @@ def buckling(kh: float) -> float:
 
 @pytest.mark.everyday(
     "incompressible-True-0.3-divisions0-0.98-0",
-    "incompressible-True-0.3-divisions0-1.1-1",
-    "incompressible-True-1.0-divisions1-0.98-0",
     "incompressible-True-1.0-divisions1-1.1-1",
     "incompressible-False-0.3-divisions0-1.1-1",
     "200.0-True-0.3-divisions0-0.98-0",
@@ -161,6 +160,7 @@ def test_a_block_buckles_where_theory_has_it(
 # Bending: a straight block to a sector of radii 1 and 2 (Rivlin); its inner face is pressed to 0.71, short of its limit
 
 
+@pytest.mark.everyday("False")  # hexahedra have spurious modes, as above
 @pytest.mark.parametrize(
     ("hexahedra", "divisions", "verdict"), [(True, 4, Verdict.UNDECIDED), (False, 4, Verdict.PASS)]
 )
@@ -196,7 +196,7 @@ def slope(stretch: float, ratio: float) -> float:
     return ((-4 * outer**-2 - 4 * outer**-5) * by + 4 * stretch**-2 + 4 * stretch**-5) / 2
 
 
-@pytest.mark.everyday("False-0.9-0", "False-1.1-1", "True-0.9-0")
+@pytest.mark.everyday("False-0.9-0", "False-1.1-1")
 @pytest.mark.parametrize(("share", "unstable"), [(0.9, 0), (1.1, 1)])
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_a_sphere_beyond_its_largest_pressure_is_unstable(
@@ -266,6 +266,7 @@ def cantilever(density: float, **changes: Any) -> Job:
     )
 
 
+@pytest.mark.everyday("1-850.0", "2-300.0")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("density", "unstable"), [(300.0, 0), (850.0, 1)])
 @pytest.mark.parametrize("geometry_degree", [1, 2])
@@ -325,7 +326,7 @@ def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.In
     }
     column_job = job(
         analysis="forward",
-        mesh=box((1, 1, 8), lx=side, ly=side, lz=length, hexahedra=True),
+        mesh=box((1, 1, 4), lx=side, ly=side, lz=length, hexahedra=True),
         regions={"top": "z > 0.49", "bottom": "z < 0.51"},
         material={"top": fibred, "bottom": {"law": "neo-hookean", "young": young, "poisson": 0.3}},
         fibres={"axial": {"direction": [0, 0, 1], "given_on": "current"}},
@@ -381,13 +382,10 @@ def test_undecided_verdict_on_screen_in_the_summary_and_in_the_exit_code(tmp_pat
         "certificate": STABILITY,
     }
     path = write_job(tmp_path / "block.yaml", data)
-    for ended, code in (
-        (hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path), 0),
-        (hpcinv_here("run", path, "--output", tmp_path / "out", "--strict", "--overwrite", cwd=tmp_path), 7),
-    ):
-        assert ended.returncode == code, ended.stdout + ended.stderr
-        assert "certificate: not decided" in ended.stdout
-        assert "  not decided: stability: unstable directions 1 (" in ended.stdout
+    ended = hpcinv_here("run", path, "--output", tmp_path / "out", "--strict", cwd=tmp_path)
+    assert ended.returncode == 7, ended.stdout + ended.stderr
+    assert "certificate: not decided" in ended.stdout
+    assert "  not decided: stability: unstable directions 1 (" in ended.stdout
     paths = json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]
     assert paths["verdict"] == "not decided"
     undecided = [line["name"] for line in paths["lines"] if line["verdict"] == "not decided"]

@@ -42,7 +42,7 @@ def test_an_unloaded_body_loaded_again_is_the_given_body(comm: MPI.Intracomm) ->
     sliding = [{"region": f"{axis}0", "fix": [axis]} for axis in "xyz"]
     result = hpcinv.run(
         job(
-            mesh=box((2, 2, 2)) | {"geometry_degree": 2},
+            mesh=box((1, 1, 2)) | {"geometry_degree": 2},
             material=soft,
             discretisation={"displacement": 2, "formulation": "displacement"},
             certificate=NO_CERTIFICATE | {"round_trip": "near", "stability": True},
@@ -250,7 +250,7 @@ def test_hot_cold_hot_and_other_supports(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.everyday("9")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("iterations", [3, 9])
 def test_a_run_that_stops_in_any_state_goes_on_to_the_same_shapes(
     iterations: int, comm: MPI.Intracomm, run_directory: Path
@@ -365,34 +365,42 @@ KEYS = [
 
 @pytest.mark.parallel([2, 1])
 def test_derivatives_of_all_states_are_differences_of_whole_runs(comm: MPI.Intracomm) -> None:
-    """A modulus and a density are given on the given body, so that all states follow the given one in two ways."""
+    """A modulus and a density are given on the given body, so that all states follow the given one in two ways.
+
+    All numbers change together.
+    """
     with Workspace(comm) as workspace:
 
-        def found(key: str, shift: float) -> Any:
-            values = {p.key: p.value for p in job(**DIFFERENTIATED, sensitivities=KEYS).differentiated}
-            changed = assigned(DIFFERENTIATED, {key: values[key] * (1 + shift)})
+        def found(shift: float) -> Any:
+            changed = DIFFERENTIATED
+            for p in job(**DIFFERENTIATED, sensitivities=KEYS).differentiated:
+                changed = assigned(changed, {p.key: p.value * (1 + shift)})
             return hpcinv.run(job(**changed), comm, workspace=workspace)
 
         derivatives = hpcinv.run(job(**DIFFERENTIATED, sensitivities=KEYS), comm, workspace=workspace).sensitivities
         assert list(derivatives.shapes) == ["rest", "supine", "pulled"]
-        for p in derivatives.parameters if comm.size == 1 else derivatives.parameters[1:2]:
-            ahead, behind = (found(p.key, shift) for shift in (1e-3, -1e-3))
-            assert list(derivatives.slopes) == list(ahead.quantities)
-            for number, (state, of_state) in enumerate(derivatives.shapes.items()):
-                later, other = (r.solutions[number].other_nodes for r in (ahead, behind))
-                expected = (later - other) / (2e-3 * p.value)
-                size = comm.allreduce(abs(expected).max(), op=MPI.MAX)
-                error = comm.allreduce(abs(of_state.nodes[p.key] - expected).max(), op=MPI.MAX)
-                print(f"{p.key}, {state}: {size:.3g}, difference {error:.1g}")
-                if p.key.startswith(("material", "states[0]", f"states[{number}]")):
-                    assert error < 2e-5 * size
-                else:
-                    assert not of_state.nodes[p.key].any()
-                    assert size * abs(p.value) < 1e-9
-            for name, slope in derivatives.slopes.items():
-                expected = (np.array(ahead.quantities[name]) - behind.quantities[name]) / (2e-3 * p.value)
-                size = max(abs(expected).max(), 1e-7 * np.abs(ahead.quantities[name]).max() / abs(p.value))
-                assert slope[p.key] == pytest.approx(expected.tolist(), rel=0, abs=2e-5 * size)
+        ahead, behind = (found(shift) for shift in (1e-3, -1e-3))
+    assert list(derivatives.slopes) == list(ahead.quantities)
+    for number, (state, of_state) in enumerate(derivatives.shapes.items()):
+        later, other = (r.solutions[number].other_nodes for r in (ahead, behind))
+        expected = (later - other) / 2e-3
+        size = comm.allreduce(abs(expected).max(), op=MPI.MAX)
+        total = np.zeros_like(expected)
+        for p in derivatives.parameters:
+            part = of_state.nodes[p.key] * p.value
+            if p.key.startswith(("material", "states[0]", f"states[{number}]")):
+                assert comm.allreduce(abs(part).max(), op=MPI.MAX) > 1e-3 * size  # an error of each shows in the sum
+            else:
+                assert not part.any()
+            total += part
+        error = comm.allreduce(abs(total - expected).max(), op=MPI.MAX)
+        print(f"{state}: {size:.3g}, difference {error:.1g}")
+        assert error < 2e-5 * size
+    for name, slopes in derivatives.slopes.items():
+        expected = (np.array(ahead.quantities[name]) - behind.quantities[name]) / 2e-3
+        size = max(abs(expected).max(), 1e-7 * np.abs(ahead.quantities[name]).max())
+        total = sum(np.multiply(slopes[p.key], p.value) for p in derivatives.parameters)
+        assert total == pytest.approx(expected, rel=0, abs=2e-5 * size)
 
 
 def test_a_support_of_one_state_that_the_mesh_lacks_is_named(comm: MPI.Intracomm) -> None:

@@ -149,6 +149,7 @@ def test_a_varying_state_is_averaged_over_volume_and_area_law_by_law(comm: MPI.I
             assert got == pytest.approx(value, rel=1e-11, abs=1e-12 * (stiff if q.fields else 1)), q
 
 
+@pytest.mark.everyday("False")
 @pytest.mark.parametrize("hexahedra", [False, True])
 def test_volumes_and_areas_of_curved_bodies_before_and_after(hexahedra: bool, comm: MPI.Intracomm) -> None:
     """A quarter of a tube and an octant of a hollow sphere, swollen by a radial displacement of degree 2 or 1."""
@@ -211,7 +212,7 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
     ]
 
     def errors(radial: int) -> np.ndarray:
-        mesh = {"inner": INNER, "outer": OUTER, "radial": radial, "along": 4, "hexahedra": True, "shells": False}
+        mesh = {"inner": INNER, "outer": OUTER, "radial": radial, "along": 3, "hexahedra": True, "shells": False}
         solved = Solved(
             job(
                 mesh={"file": "../meshes/thick_sphere.py", "parameters": mesh, "geometry_degree": 2},
@@ -225,11 +226,11 @@ def test_stresses_in_a_thick_sphere_at_a_point_and_on_its_boundary(comm: MPI.Int
         evaluated = evaluate([q for q, _ in asked], solved.body, solution, solved.model)
         return np.abs([evaluated[q.name] / value - 1 for q, value in asked])
 
-    coarse, fine = errors(4), errors(8)
+    coarse, fine = errors(3), errors(6)
     print("relative errors", dict(zip([q.name for q, _ in asked], zip(coarse, fine, strict=True), strict=True)))
-    assert (fine[:3] < 1e-3).all()
-    assert fine[3] < 0.3 * coarse[3] < 5e-3  # of second order, as the pressure is where the wall ends
-    assert (fine[4:] < 1e-5).all()
+    assert (fine[:3] < 1e-2).all()
+    assert fine[3] < 0.3 * coarse[3] < 1e-2  # of second order, as the pressure is where the wall ends
+    assert (fine[4:] < 1e-4).all()
 
 
 WRONG = [

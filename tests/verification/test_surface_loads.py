@@ -38,6 +38,7 @@ def lateral(stretch: float) -> float:
     return root(lambda s: MU * (s**2 - 1) + LAM * log(stretch * s**2), 0.5, 1.5)
 
 
+@pytest.mark.everyday("forward-reference", "inverse-current")
 @pytest.mark.parametrize(("traction_in", "springs_in"), [("reference", "current"), ("current", "reference")])
 @both_ways
 def test_a_bar_pulled_against_springs(direction: str, traction_in: str, springs_in: str, comm: MPI.Intracomm) -> None:
@@ -57,6 +58,7 @@ def test_a_bar_pulled_against_springs(direction: str, traction_in: str, springs_
     check(solve(direction, comm, effects=effects, supports=SYMMETRY[1:]), F, cauchy(F), (way, 0, 0))
 
 
+@pytest.mark.everyday("inverse")
 @both_ways
 def test_a_confined_bar_pulled_against_springs(direction: str, comm: MPI.Intracomm) -> None:
     """``u = t/k`` and the stretch of the bar; springs along the surface have nothing to do."""
@@ -95,6 +97,7 @@ def test_springs_all_around_a_cube_pull_it_back_by_their_directions(direction: s
     np.testing.assert_allclose(loaded.force, -(2 * 7e3 + 4 * 2e3) * u, rtol=1e-12)
 
 
+@pytest.mark.everyday("forward-tetrahedra", "inverse-hexahedra")
 @pytest.mark.parametrize("hexahedra", [False, True], ids=["tetrahedra", "hexahedra"])
 @both_ways
 def test_a_pressure_all_around_has_no_resultant_and_works_against_the_volume(direction: str, hexahedra: bool) -> None:

@@ -58,7 +58,7 @@ def larger(value: Any) -> Any:
 
 
 @pytest.mark.everyday("inverse-mixed")
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("direction", "formulation"), KINDS)
 def test_series_of_the_residual_converges_with_its_order(direction: str, formulation: str, comm: MPI.Intracomm) -> None:
     """With the load of all effects; forward, in one form, with the first quantity of each and the moduli."""

@@ -154,7 +154,7 @@ def test_slopes_at_the_largest_pressure_of_a_balloon(comm: MPI.Intracomm) -> Non
     assert np.abs([slopes["full"], *slopes["pole"]]).max() < 1e-10
 
 
-@pytest.mark.parallel([1, 2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_slopes_under_a_remote_load(analysis: str, comm: MPI.Intracomm) -> None:

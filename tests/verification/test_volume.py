@@ -73,8 +73,8 @@ def test_volume_that_changes_at_a_point_only_is_physical(
     model.destroy()
 
 
-@pytest.mark.everyday("incompressible", "moduli that vary")
-@pytest.mark.parallel([1, 3, 2])
+@pytest.mark.everyday("incompressible")
+@pytest.mark.parallel([2, 3, 1])
 @pytest.mark.parametrize(
     ("material", "discretisation"),
     [
@@ -89,7 +89,7 @@ def test_a_coarse_mesh_changes_volumes_that_cannot_change(
     material: Any, discretisation: dict[str, Any], comm: MPI.Intracomm
 ) -> None:
     """At single points J is far from 1, while the material can change its volume by 2 % at most."""
-    line = unaccounted(sheared(material, 4, 0.5, discretisation=discretisation), comm)
+    line = unaccounted(sheared(material, 3, 0.5, discretisation=discretisation), comm)
     assert line is not None
     assert line.verdict is Verdict.WARN
     assert "too coarse" in line.note

@@ -103,16 +103,13 @@ STRATEGIES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.everyday(
-    "short steps",
     "fixed steps",
     "full Newton",
     "arc length",
-    "short arcs",
     "iterative",
     "line search",
     "single precision",
     "Anderson",
-    "round trip",
     "there and back",
     "load cases",
 )
@@ -133,8 +130,7 @@ def in_balance_with(stretches: list[float]) -> list[dict[str, Any]]:
 
 
 BALANCES: dict[str, list[dict[str, Any]]] = {
-    "loads": [UPWARDS, DOWNWARDS],
-    "strains": [HEATED, {"effect": "growth", "stretch": 1 / STRETCH}],
+    "loads and strains": [UPWARDS, DOWNWARDS, HEATED, {"effect": "growth", "stretch": 1 / STRETCH}],
     "strain and load": in_balance_with([1 / 1.1, 1.03, 1.02]),
 }
 
@@ -215,6 +211,7 @@ def test_small_displacements_keep_their_digits(comm: MPI.Intracomm) -> None:
 TURN = {"c": float(np.cos(0.7)), "s": float(np.sin(0.7))}
 
 
+@pytest.mark.everyday("motion0", "motion3")
 @pytest.mark.parametrize(
     ("direction", "motion"),
     [

@@ -96,12 +96,14 @@ def test_an_effect_of_size_zero_moves_nothing(
     check_still(comm, mesh=mesh, analysis=analysis, effects=[effect], fibres=families, supports=[CLAMP])
 
 
+@pytest.mark.everyday("forward-fix", "inverse-displacement", "forward-motion", "inverse-remote")
 @pytest.mark.parametrize("name", SUPPORTS)
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_a_support_of_size_zero_moves_nothing(analysis: str, name: str, comm: MPI.Intracomm) -> None:
     check_still(comm, analysis=analysis, supports=[CLAMP, {"region": "x1", **SUPPORTS[name]}])
 
 
+@pytest.mark.everyday("forward-volume", "inverse-unloaded", "forward-windkessel", "inverse-gas")
 @pytest.mark.parametrize("name", CAVITIES)
 @pytest.mark.parametrize("analysis", ["forward", "inverse"])
 def test_a_cavity_that_keeps_its_volume_moves_nothing(analysis: str, name: str, comm: MPI.Intracomm) -> None:

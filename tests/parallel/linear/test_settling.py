@@ -90,7 +90,7 @@ def correction(equilibrium: Equilibrium, *, precise: bool) -> tuple[PETSc.Vec, i
 
 
 @pytest.mark.everyday("chunky-forward")
-@pytest.mark.parallel([2])
+@pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 @pytest.mark.parametrize("body", ["chunky", "slender"])
 def test_a_correction_is_right_to_two_digits(body: str, analysis: str, comm: MPI.Intracomm) -> None:

@@ -37,6 +37,7 @@ SOFT = {
 }
 
 
+@pytest.mark.everyday("weightless-inverse", "beyond measure-forward", "1e-30 m-inverse")
 @both_ways
 @pytest.mark.parametrize("extreme", STIFF.values(), ids=STIFF)
 def test_extremely_small_displacements_are_solved(
@@ -52,6 +53,7 @@ def test_extremely_small_displacements_are_solved(
     assert result.quantities["largest-displacement"] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.everyday("the weight-inverse", "largest number-forward", "smallest number-inverse", "1e30 m-forward")
 @both_ways
 @pytest.mark.parametrize("extreme", SOFT.values(), ids=SOFT)
 def test_extremely_large_loads_are_reported(extreme: dict[str, float], analysis: str, comm: MPI.Intracomm) -> None:

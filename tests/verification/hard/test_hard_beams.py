@@ -34,7 +34,7 @@ def tip(result: Result) -> np.ndarray:
 # Bulk modulus
 
 
-@pytest.mark.everyday("inf", "10.0")
+@pytest.mark.everyday("10.0")  # an incompressible one is in test_pdms_beam.py
 @pytest.mark.parametrize(
     "ratio",
     [
@@ -115,6 +115,7 @@ def test_the_coil_that_is_straight_under_up_to_eight_times_its_weight(factor: fl
     assert np.abs(axis_points[:, 2]).max() < 1e-3 * LENGTH
 
 
+@pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_strains_of_1e_10_agree_with_linear_elasticity(analysis: str, comm: MPI.Intracomm) -> None:
     result = solve("featherweight-beam", comm, analysis=analysis)
@@ -153,7 +154,7 @@ def linear_elasticity(result: Result) -> np.ndarray:
 
 
 def test_the_displacement_is_proportional_to_a_small_load(comm: MPI.Intracomm) -> None:
-    slopes = [tip(solve("featherweight-beam", comm, **weight(f)))[1] / f for f in (1e-10, 1e-8, 1e-6)]
+    slopes = [tip(solve("featherweight-beam", comm, **weight(f)))[1] / f for f in (1e-10, 1e-6)]
     print(f"tip displacement per load: {slopes} m")
     assert np.ptp(slopes) < 1e-9 * abs(slopes[0])
 
@@ -165,12 +166,6 @@ PLAIN = {
     "material": {"law": "mooney-rivlin", "c1": "101709.668 Pa", "c2": "151065.460 Pa", "d1": "7.965272689e8 Pa"},
     "weight": ("9.81 m/s^2", "963 kg/m^3"),
     "tip": "0.182 m",
-}
-MILLIMETRES = {
-    "mesh": {"length": "182 mm", "diameter": "8.5 mm", "size": "4 mm"},
-    "material": {"law": "mooney-rivlin", "c1": "0.101709668 MPa", "c2": "0.151065460 MPa", "d1": "796.5272689 MPa"},
-    "weight": ("9810 mm/s^2", "9.63e-7 kg/mm^3"),
-    "tip": "182 mm",
 }
 MICROMETRES = {
     "mesh": {"length": "182000 um", "diameter": "8500 um", "size": "4000 um"},
@@ -194,15 +189,15 @@ def told_in(units: dict[str, Any], analysis: str) -> dict[str, Any]:
 @pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
 def test_units_change_neither_digits_nor_iterations(analysis: str, comm: MPI.Intracomm) -> None:
-    results = [solve("micrometre-beam", comm, **told_in(u, analysis)) for u in (PLAIN, MILLIMETRES, MICROMETRES)]
-    same_digits_and_iterations(results, [1.0, 1.0, 1.0], analysis)
+    results = [solve("micrometre-beam", comm, **told_in(u, analysis)) for u in (PLAIN, MICROMETRES)]
+    same_digits_and_iterations(results, [1.0, 1.0], analysis)
 
 
 @pytest.mark.everyday("inverse")
 @pytest.mark.parametrize("analysis", ["inverse", "forward"])
-def test_bodies_of_a_micrometre_a_metre_and_a_kilometre_are_alike(analysis: str, comm: MPI.Intracomm) -> None:
+def test_bodies_of_a_micrometre_and_a_kilometre_are_alike(analysis: str, comm: MPI.Intracomm) -> None:
     """The load is ``ρ g L/mu`` and the same for all, the mesh is made in units of the body."""
-    lengths = [1.82e-6, 1.82, 1.82e3]
+    lengths = [1.82e-6, 1.82e3]
     results = [
         solve(
             "micrometre-beam",
