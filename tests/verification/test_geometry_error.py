@@ -207,6 +207,7 @@ def test_other_cells_give_no_finer_geometry_unless_faces_are_flat() -> None:
     assert surface_geometry(refine(made("box", 1)).source) == FinerGeometry()
 
 
+@pytest.mark.everyday("None", "pdms_beam")
 @pytest.mark.parametrize("steps", [None, 0])
 @pytest.mark.parametrize(
     ("name", "parameters", "distance"),
@@ -281,7 +282,7 @@ def test_an_output_has_one_error_of_a_quantity(from_file: bool, tmp_path: Path) 
     data, size = of_a_file(tmp_path), {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True}
     if not from_file:
         data["mesh"] = {"file": str(MESHES / "thick_sphere.py"), "parameters": size}
-    path = write_job(tmp_path / "job.yaml", data, accuracy={"inner": "50 mm"})
+    path = write_job(tmp_path / "job.yaml", data, accuracy={"inner": "140 mm"})
     ended = hpcinv_here("run", path, "--output", tmp_path / "out", cwd=tmp_path)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

@@ -39,7 +39,7 @@ def data_of(name: str, *, incompressible: bool, **options: Any) -> dict[str, Any
     return slab(replace(problem, lam=None) if incompressible else problem, **options)
 
 
-@pytest.mark.everyday("cantilever-False-False-2", "cantilever-True-True-2", "slot-True-False-2")
+@pytest.mark.everyday("cantilever-False-False-2", "slot-True-False-2")
 @pytest.mark.parametrize(
     ("name", "incompressible", "hexahedra", "displacement"),
     [
@@ -107,8 +107,8 @@ def test_a_promise_at_a_reentrant_corner_is_kept(comm: MPI.Intracomm) -> None:
 
 
 def test_no_mesh_of_a_search_has_more_unknowns_than_allowed(comm: MPI.Intracomm) -> None:
-    """Cells that keep the mesh conforming made 8,036 unknowns, where 6,000 are allowed."""
-    most = 6000
+    """Cells that keep the mesh conforming count, too."""
+    most = 3000
     data = data_of("block", incompressible=True, hexahedra=False)
     record = package.run(job(**data, accuracy={"q": 6e-4}, solver={"maximum_unknowns": most}), comm).accuracy
     assert record is not None

@@ -38,6 +38,7 @@ def rotations(points: Floats) -> list[Floats]:
     return [motion.ravel() for motion in np.moveaxis(Frame(np.zeros(3), 1.0).motions(points), 2, 0)]
 
 
+@pytest.mark.everyday("-incompressible")
 @pytest.mark.parallel([1, 2])
 @pytest.mark.parametrize("material", ["compressible", "incompressible"])
 def test_coarse_displacements_contain_the_rigid_motions_of_curved_cells(material: str, comm: MPI.Intracomm) -> None:
