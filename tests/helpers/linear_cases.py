@@ -11,7 +11,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "incompressible": {"law": "mooney-rivlin", "c1": 1000, "c2": 500, "d1": "incompressible"},
 }
 SHELF: dict[str, Any] = {
-    "mesh": box((3, 3, 3)),
+    "mesh": box((2, 2, 2)),
     "effects": [{"effect": "gravity", "acceleration": [0, -1.0, 0], "density": 600}],
     "supports": [{"region": "x0", "fix": ["x", "y", "z"]}],
 }

@@ -246,7 +246,7 @@ def test_a_body_that_hangs_next_to_its_rest_does_not_fail(comm: MPI.Intracomm) -
     assert "fail" not in depth.rule
 
 
-def test_verdicts() -> None:
+def test_verdicts_follow_bounds_and_the_worst_line() -> None:
     nan = float("nan")
     assert [upper_bound_line(DISCRETISATION, v, 1, 2).verdict.value for v in (1, 1.5, 2.5, nan)] == [
         "pass",
@@ -346,7 +346,9 @@ def test_verdict_on_screen_in_the_summary_and_in_the_exit_code(
         ("full", {"equilibrium residual", "discretisation error", "round trip", "stability", "limit points"}, set()),
     ],
 )
-def test_levels(certificate: Any, checked: set[str], not_checked: set[str], comm: MPI.Intracomm) -> None:
+def test_levels_of_the_certificate_check_their_lines(
+    certificate: Any, checked: set[str], not_checked: set[str], comm: MPI.Intracomm
+) -> None:
     mesh = box((1, 1, 2), lx="0.2 m", ly="0.2 m") | {"geometry_degree": 2}
     result = hpcinv.run(column(2, mesh=mesh, certificate=certificate), comm)
     verdicts = {entry.name: entry.verdict for entry in result.certificate.lines}

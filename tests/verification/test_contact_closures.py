@@ -137,7 +137,7 @@ def test_truth_and_parts_of_a_pressure_are_in_the_interval(comm: MPI.Intracomm, 
     assert intervals["force on bottom"]["low"] == pytest.approx(0.0, abs=1e-9)
     assert intervals["mean rest gap at bottom"]["low"] == pytest.approx(0.0, abs=1e-6)
     assert high - low < 0.03
-    shares = [solved(comm, {"closure": "gap", "rest_gap": gap}, **back).quantities["gap"] for gap in (1e-4, 5e-3)]
+    shares = [solved(comm, {"closure": "gap", "rest_gap": gap}, **back).quantities["gap"] for gap in (5e-3,)]
     for value in (result.quantities["gap"], *shares):
         assert low - 1e-9 <= value <= high + 1e-9
     known = {"greatest_rest_gap": 0.02, "rest_surface": rest_surface(run_directory, comm, height=0.5)}

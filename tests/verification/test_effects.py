@@ -106,7 +106,7 @@ def test_tangent_is_the_derivative_of_the_residual(
 @pytest.mark.everyday("=1-pressure")
 @pytest.mark.parallel([2, 1])
 @of_every_effect
-def test_there_and_back(name: str, comm: MPI.Intracomm) -> None:
+def test_round_trips_close_under_each_effect(name: str, comm: MPI.Intracomm) -> None:
     for hexahedra, first in ((False, "forward"), (True, "inverse")):
         given = case(*names_with_a_load(name), hexahedra=hexahedra, analysis="round_trip", first=first)
         result = hpcinv.run(given, comm)

@@ -213,10 +213,10 @@ def tube_error(comm: MPI.Intracomm, tube: Tube, divisions: int) -> float:
     "tube", [Tube("forward", "reference"), Tube("forward", "current"), Tube("inverse", "current")], ids=Tube.name
 )
 def test_a_tube_with_two_families_widens_as_its_quadrature_says(tube: Tube, comm: MPI.Intracomm) -> None:
-    errors = [tube_error(comm, tube, divisions) for divisions in (6, 12)]
+    errors = [tube_error(comm, tube, divisions) for divisions in (4, 8)]
     order = log2(errors[0] / errors[1])
     print(f"{tube.name()}: {errors[0]:.1e}, {errors[1]:.1e}, order {order:.2f}")
-    assert errors[1] < 1e-5
+    assert errors[1] < 1e-4
     assert order > 3
     # The two meanings of β are a thousand times farther apart.
     swapped = replace(tube, given_on={"reference": "current", "current": "reference"}[tube.given_on])

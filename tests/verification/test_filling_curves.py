@@ -121,7 +121,7 @@ def test_a_filling_curve_determines_a_factor_of_two_stiffnesses(comm: MPI.Intrac
     assert slopes[1] == pytest.approx(-by_pressure * GIVEN / TRUE["c1"] / 1e-3, rel=2e-3)
 
 
-def test_klotz() -> None:
+def test_klotz_curve_passes_through_its_two_points() -> None:
     """The curve passes through its two points, and its normalised form through the first (Klotz et al. 2006)."""
     for end_pressure in (4.0, 10.0, 22.0, 25.0):
         curve = KlotzCurve(120e-6, end_pressure * MMHG)

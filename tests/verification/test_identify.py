@@ -168,7 +168,10 @@ def test_three_synthetic_scans(comm: MPI.Intracomm, tmp_path: Path) -> None:
                 "sd": "2 mm",
             },
         ]
-        parameters = {"material.mu": {"start": "10 kPa"}, "material.lam": {"bounds": ["1 kPa", None]}}
+        parameters = {
+            "material.mu": {"start": "9.5 kPa"},
+            "material.lam": {"start": "32 kPa", "bounds": ["1 kPa", None]},
+        }
         for observed in (observations[:1], observations) if comm.size == 1 else (observations,):
             identified = identify(
                 job(tmp_path / "job.yaml", identify={"parameters": parameters, "observations": observed}),

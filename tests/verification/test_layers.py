@@ -110,7 +110,7 @@ def test_layers_converge_as_one_material_and_the_estimate_shows_their_error(
 
 @pytest.mark.everyday("hexahedra")
 @CELLS
-def test_the_way_forward(hexahedra: bool, comm: MPI.Intracomm) -> None:
+def test_forward_radii_of_layers_and_their_estimated_error(hexahedra: bool, comm: MPI.Intracomm) -> None:
     data = wall(
         2,
         hexahedra=hexahedra,

@@ -315,7 +315,7 @@ def run_and_fail(comm: MPI.Intracomm, **case: Any) -> SolveError:
     return caught.value
 
 
-def test_too_few_iterations(comm: MPI.Intracomm) -> None:
+def test_fixed_points_that_need_more_iterations_say_so(comm: MPI.Intracomm) -> None:
     error = run_and_fail(comm, method="sellier", fixed_point={"maximum_iterations": 4}, **tetrahedron())
     assert Outcome.FIXED_POINT_LIMIT.text in str(error)
     assert "anderson" in error.advice

@@ -157,7 +157,7 @@ def check(case: Case, keys: list[str], order: int = 2) -> None:
 
 
 @pytest.mark.parallel([1, 3, 2])
-def test_an_inverse_solution_by_fields_nodes_and_numbers(comm: MPI.Intracomm, run_directory: Path) -> None:
+def test_products_of_an_inverse_solution_are_differences_of_runs(comm: MPI.Intracomm, run_directory: Path) -> None:
     case = Case(comm, run_directory, "inverse", fibres=False)
     check(case, ["material.mu", "nodes"] if comm.size > 1 else ["material.lam", "supports[0].constants.k"])
 
@@ -174,7 +174,7 @@ def test_an_inverse_solution_by_fields_nodes_and_numbers(comm: MPI.Intracomm, ru
     ids=["inverse", "forward", "round_trip"],
 )
 @pytest.mark.parametrize("mesh", [{"degree": 2}, {"hexahedra": True}, {"degree": 2, "hexahedra": True}])
-def test_other_solutions(
+def test_products_on_other_cells_and_in_other_directions(
     comm: MPI.Intracomm, run_directory: Path, analysis: str, keys: list[str], mesh: dict[str, Any]
 ) -> None:
     check(Case(comm, run_directory, analysis, **mesh), ["nodes", *keys], order=4)

@@ -24,7 +24,7 @@ EVEN = [p for p in permutations(range(4)) if np.linalg.det(np.eye(4)[list(p)]) >
 
 
 def bar() -> MeshSource:
-    parameters = {"nx": 3, "ny": 2, "nz": 2, "lx": "0.3 m", "ly": "0.1 m", "lz": "0.1 m"}
+    parameters = {"nx": 3, "ny": 1, "nz": 1, "lx": "0.3 m", "ly": "0.1 m", "lz": "0.1 m"}
     source = read_source(spec(ROOT / "meshes" / "box.py", parameters=parameters), ROOT / "meshes" / "box.py")
     x, y, z = source.points.T
     sheared = np.column_stack([x + 0.1 * y, y + 0.2 * z * x / 0.3, z])  # cells of many shapes

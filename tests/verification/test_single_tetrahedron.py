@@ -28,7 +28,7 @@ LAWS = {
 @pytest.mark.parametrize("density_in", ["reference", "current"])
 @pytest.mark.parametrize("first", ["forward", "inverse"])
 @pytest.mark.parametrize("law", LAWS)
-def test_there_and_back(first: str, law: str, density_in: str, comm: MPI.Intracomm) -> None:
+def test_round_trips_of_a_tetrahedron_close(first: str, law: str, density_in: str, comm: MPI.Intracomm) -> None:
     for acceleration in (-9.81, 2.5):
         weight = {"effect": "gravity", "acceleration": [0, acceleration, 0], "density": 1000, "density_in": density_in}
         result = hpcinv.run(

@@ -308,7 +308,9 @@ def test_a_half_of_a_column_says_that_it_cannot_buckle_sideways(is_half: bool, c
 @pytest.mark.everyday("1.5-2")
 @pytest.mark.parallel([2, 1])
 @pytest.mark.parametrize(("share", "unstable"), [(0.7, 0), (1.5, 2)])
-def test_a_column_of_all_sorts_buckles(share: float, unstable: int, comm: MPI.Intracomm) -> None:
+def test_a_column_of_two_laws_fibres_and_growth_buckles_at_eulers_load(
+    share: float, unstable: int, comm: MPI.Intracomm
+) -> None:
     """Euler's column, clamped below, of equal small-strain stiffness throughout.
 
     It is incompressible above and compressible below, with weak fibres seen on the loaded body, and it has shrunk.

@@ -38,7 +38,7 @@ def block(**data: Any) -> Job:
     ]
     states[0]["given"] = True
     common: dict[str, Any] = {
-        "mesh": box((2, 2, 2)),
+        "mesh": box((1, 1, 2)),
         "material": {"law": "neo-hookean", "mu": "10 kPa", "lam": "40 kPa"},
         "discretisation": {"displacement": 1, "formulation": "displacement"},
         "supports": [{"region": "z0", "fix": ["x", "y", "z"]}],
@@ -68,7 +68,7 @@ def test_a_sphere_whose_surfaces_are_off(comm: MPI.Intracomm) -> None:
     sphere = job(
         mesh={
             "file": "../meshes/thick_sphere.py",
-            "parameters": {"inner": INNER, "outer": OUTER, "radial": 4, "along": 4, "hexahedra": True},
+            "parameters": {"inner": INNER, "outer": OUTER, "radial": 2, "along": 2, "hexahedra": True},
             "geometry_degree": 2,
         },
         material={"law": "mooney-rivlin", "c1": 0.5, "c2": 0.0, "d1": "incompressible"},
@@ -84,7 +84,7 @@ def test_a_sphere_whose_surfaces_are_off(comm: MPI.Intracomm) -> None:
         slopes = sensitivities(model, result.solutions[0], [outward], mesh={"w": moved}).slopes["inner"]["w"]
     exact = (inner(1e-4) - inner(-1e-4)) / 2e-4
     print(f"dA/dw {slopes:.6f}, exactly {exact:.6f}")
-    assert slopes == pytest.approx(exact, rel=1e-3)
+    assert slopes == pytest.approx(exact, rel=1e-2)
 
 
 @pytest.mark.parallel([1, 3, 2])
