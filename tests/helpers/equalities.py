@@ -29,7 +29,7 @@ from hpcinv.physics.materials import laws
 from hpcinv.solver.workspace import Workspace
 
 MODULUS = 30e3  # Pa: of the body for which the examples of effects are meant
-AFTER = 5  # number of the equality after those of `equalities`: the same case after another one
+AFTER = 5  # number of the last equality, after the ones that `equalities` lists: the same case after another one
 LOAD = 0.5  # of these examples, so that soft laws carry them
 TOLERANCE = 1e-9  # of displacement and energy: Newton's, 1e-12, with what the condition of the tangent adds
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
