@@ -16,7 +16,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
-from hpcinv.model.contacts import ContactReport
+from hpcinv.model.contact_reports import ContactReport
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
 from hpcinv.model.spaces import Unknowns

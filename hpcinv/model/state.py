@@ -8,7 +8,7 @@ from dolfinx.fem import Function
 
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
-from hpcinv.model.contacts import ContactReport
+from hpcinv.model.contact_reports import ContactReport
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,7 @@ SETTERS = {
 LENDERS = {
     "hpcinv.mesh.body.Body": ("at",),
     "hpcinv.model.parameters.Parameters": ("moved",),
-    "hpcinv.model.contacts._OneContact": ("moved",),
+    "hpcinv.model.obstacle_contact.ObstacleContact": ("moved",),
 }
 """Classes with the contexts that write for their time, and restore what was there."""
 

@@ -11,7 +11,7 @@ from dolfinx import fem
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh.source import Floats
-from hpcinv.model.contacts import ContactReport, FrictionReport
+from hpcinv.model.contact_reports import ContactReport, FrictionReport
 from hpcinv.model.interfaces.friction import Friction, Tractions
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import Law, assumption

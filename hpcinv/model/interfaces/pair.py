@@ -29,7 +29,7 @@ from hpcinv.job.interfaces import Interface, interface_of
 from hpcinv.mesh import Body
 from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.contacts import ContactReport, first_penalty
+from hpcinv.model.contact_reports import ContactReport
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.friction import frictions_of
@@ -49,6 +49,7 @@ from hpcinv.model.interfaces.refused_surfaces import (
 )
 from hpcinv.model.interfaces.softening import STIFF, Softening
 from hpcinv.model.interfaces.surface_passage import SurfacePassage
+from hpcinv.model.obstacle_contact import first_penalty
 from hpcinv.model.obstacle_passage import Passage
 from hpcinv.model.obstacle_surface import ObstacleSurface
 from hpcinv.model.outcome import Outcome

@@ -11,7 +11,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.units import readable
 from hpcinv.base.updates import Anderson
 from hpcinv.model.assembly.system import System
-from hpcinv.model.contacts import ContactReport, PenaltyDirection
+from hpcinv.model.contact_reports import ContactReport
+from hpcinv.model.obstacle_contact import PenaltyDirection
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic, upper_bound_line

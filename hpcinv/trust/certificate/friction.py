@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from hpcinv.base.quantity.units import readable
-from hpcinv.model.contacts import ContactReport, FrictionReport
+from hpcinv.model.contact_reports import ContactReport, FrictionReport
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic
 

@@ -24,7 +24,7 @@ from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
-from hpcinv.model.contacts import ContactReport
+from hpcinv.model.contact_reports import ContactReport
 from hpcinv.model.interfaces.pair import SurfacePair
 from hpcinv.model.interfaces.pins import Pins
 from hpcinv.results.point_fields import PointFields

@@ -1,0 +1,85 @@
+"""Results of contacts, and of their friction."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from dolfinx import fem
+
+
+@dataclass(frozen=True)
+class FrictionReport:
+    """Friction of one interface.
+
+    Attributes:
+        coefficient: as given.
+        sliding_area: area that carries pressure and slides in the last load step, in m².
+        energy_lost: by sliding in all load steps, in J.
+        place: node of the given mesh (m) where the traction exceeds friction most, or is nearest to it; largest,
+            allowed: its traction, and what friction allows there, in Pa.
+        tractions: components of the tangential traction on the first surface, in Pa.
+        slips: components of the slip of the second surface on the first in the last load step, in m.
+        state: 0 open, 1 sticks, 2 slides.
+    """
+
+    coefficient: float
+    sliding_area: float
+    energy_lost: float
+    place: tuple[float, float, float]
+    largest: float
+    allowed: float
+    tractions: tuple[fem.Function, ...]
+    slips: tuple[fem.Function, ...]
+    state: fem.Function
+
+    def as_data(self) -> dict[str, Any]:
+        """The report as JSON data."""
+        return {name: getattr(self, name) for name in ("coefficient", "sliding_area", "energy_lost")}
+
+
+@dataclass(frozen=True)
+class ContactReport:
+    """Result of one contact.
+
+    Attributes:
+        where: its place in the job.
+        force: resultant on the body, in N.
+        area: current area in contact, in m².
+        penetration: largest penetration at a node of the displacement, in m.
+        distance: largest distance from the obstacle (m) of nodes with more than 1 % of the largest pressure.
+        largest_pressure: mean around a vertex, in Pa.
+        tolerance: tolerated penetration, in m; ``None`` if the obstacle is not rigid.
+        is_given: whether the job gives the pressure.
+        penalty: penalty in the last solve, in Pa/m; ``None`` without one, or if it varies.
+        fields: contact pressure and, of a rigid obstacle, its multiplier ``q`` (both in Pa, linear between the
+            vertices, 0 outside of the region).
+        friction: of an interface; ``None`` without it.
+    """
+
+    where: str
+    region: str
+    assumption: str
+    force: tuple[float, float, float]
+    area: float
+    penetration: float
+    distance: float
+    largest_pressure: float
+    tolerance: float | None
+    is_given: bool
+    penalty: float | None
+    fields: tuple[fem.Function, ...]
+    friction: FrictionReport | None = None
+
+    @property
+    def fields_with_units(self) -> list[tuple[fem.Function, str]]:
+        """All fields, also of friction, with their units."""
+        found = [(field, "Pa") for field in self.fields]
+        if (friction := self.friction) is not None:
+            found += [(field, "Pa") for field in friction.tractions]
+            found += [*((field, "m") for field in friction.slips), (friction.state, "1")]
+        return found
+
+    def as_data(self) -> dict[str, Any]:
+        """The report as JSON data."""
+        rough = {} if self.friction is None else {"friction": self.friction.as_data()}
+        names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance", "penalty")
+        return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names} | rough
