@@ -132,7 +132,7 @@ def test_a_liver_from_a_scan_runs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["artery", "ventricle"])
 def test_the_surfaces_of_a_wall_in_an_image_have_their_names(kind: str, tmp_path: Path) -> None:
     file = tmp_path / "job.yaml"
-    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "6 mm")
+    given = ("--label", "wall=1", "--label", "cavity=2", "--size", "14 mm" if kind == "artery" else "6 mm")
     assert typed(kind, "--image", wall(tmp_path / "scan.nii.gz", kind=kind), *given, file) == 0
     job = package.load(file)
     source = read_source(job.mesh, tmp_path / job.mesh.file)
