@@ -125,7 +125,10 @@ def test_invalid_requests_and_missing_tokens_are_refused(tmp_path: Path) -> None
 
 
 def test_arrays_and_the_shape_are_lists(tmp_path: Path) -> None:
-    """The moduli of cells and the nodes as inputs, the shape as an output: derivatives are central differences."""
+    """The moduli of cells and the nodes as inputs, the shape as an output: derivatives are central differences.
+
+    On several ranks: `test_learning_nodes.py`, and the client above.
+    """
     posed = tmp_path / "column.yaml"
     write_block(MPI.COMM_SELF, tmp_path / "block.vtu", arrays={"mu": np.full(72, 20.0)})
     data = {
@@ -138,7 +141,7 @@ def test_arrays_and_the_shape_are_lists(tmp_path: Path) -> None:
         "quantities": [{"name": "tip", "of": "displacement", "at": [2, 1, 1]}],
         "sensitivities": ["effects[0].pressure"],
     }
-    with served(tmp_path, 2, "--shape", "--arrays", "material.mu", "mesh.nodes", data=data) as (server, address):
+    with served(tmp_path, 1, "--shape", "--arrays", "material.mu", "mesh.nodes", data=data) as (server, address):
         assert "input list 1: material.mu, 72 numbers\ninput list 2: mesh.nodes, 36 × 3 numbers\n" in server.text
         assert "output list 1: shape, 36 × 3 numbers\nstop with" in server.text
         model = umbridge.HTTPModel(address, "column")
