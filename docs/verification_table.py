@@ -218,6 +218,11 @@ CASES = (
         "verification/test_hertz.py",
     ),
     VerificationRow(
+        "cantilever beam that lies down on a rigid plane (Signorini): force on the plane within 2 %, and flat where"
+        " beam theory says",
+        "verification/test_signorini_beam.py",
+    ),
+    VerificationRow(
         "CalculiX, equal meshes: rubber there and back to 7 digits; two blocks in contact, surface to surface: force to"
         " the overlap that its penalty leaves",
         "verification/test_beside_calculix.py",
