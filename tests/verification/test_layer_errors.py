@@ -12,6 +12,7 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.output.result import Result
 from hpcinv.output.text_report import _errors_of_quantity
+from hpcinv.trust.discretisation import layer_errors
 
 ESTIMATE = {"level": "off", "estimate": True}
 INNER, OUTER = 0.9, 1.1  # m: R/t = 5
@@ -100,3 +101,14 @@ def test_displacements_of_a_clamped_sheet() -> None:
         certificate=ESTIMATE,
     )
     assert_covered(hpcinv.run(sheet, progress=False), "tip", -1.00709e-3, 6.0)
+
+
+@pytest.mark.parametrize("chunk", [1, 1000])
+def test_nearest_points_are_those_of_a_tree(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    points, places = np.random.default_rng(1).random((2, 60, 3))
+    monkeypatch.setattr(layer_errors, "_CHUNK", chunk)
+    direct = layer_errors._nearest(points, places[:17])
+    monkeypatch.setattr(layer_errors, "_DIRECT", 0)
+    searched = layer_errors._nearest(points, places[:17])
+    assert direct[1].tolist() == searched[1].tolist()
+    assert direct[0] == pytest.approx(searched[0], rel=1e-14)

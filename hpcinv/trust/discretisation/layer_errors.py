@@ -25,6 +25,8 @@ from hpcinv.trust.discretisation.face_tractions import FaceTractions, face_tract
 
 CLAMPED = 0.05
 """Error of a displacement, relative to its size, by ``t/d``; raised, bars of clamped shells are longer."""
+_DIRECT = 10_000_000  # distances up to which none is left out; raised, searches take longer than the import of SciPy
+_CHUNK = 100_000  # distances that are computed at once; raised, they take more memory
 
 
 def layer_errors(
@@ -119,7 +121,15 @@ def _clamp_share(source: MeshSource, places: Floats, clamps: Floats) -> float:
 
 def _nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
     """Return distances (n,) of places from their nearest points, and these points' numbers."""
-    from scipy.spatial import cKDTree  # few runs need it, and it takes long to import
+    if len(points) * len(places) > _DIRECT:
+        from scipy.spatial import cKDTree
 
-    distances, numbers = cKDTree(points).query(places)
-    return np.asarray(distances), np.asarray(numbers)
+        found = cKDTree(points).query(places)
+        return np.asarray(found[0]), np.asarray(found[1])
+    distances, numbers = np.empty(len(places)), np.empty(len(places), dtype=np.int64)
+    for first in range(0, len(places), step := max(1, _CHUNK // len(points))):
+        part = slice(first, first + step)
+        between = np.linalg.norm(places[part, None] - points[None], axis=2)
+        numbers[part] = between.argmin(axis=1)
+        distances[part] = between.min(axis=1)
+    return distances, numbers
