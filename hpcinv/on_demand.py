@@ -18,6 +18,7 @@ FUNCTIONS = {
     "cells of another degree": "hpcinv.mesh.refine.degree:change_degree",
     "check of cavities": "hpcinv.model.cavities:check_cavities",
     "check of hinges": "hpcinv.solver.hinge_checks:check_hinges",
+    "check of rest surfaces": "hpcinv.trust.intervals.rest_surfaces:check_rest_surfaces",
     "comparison of surfaces": "hpcinv.geometry.workshop.surface_comparison:compare",
     "constraints of slides": "hpcinv.model.sliding:MatrixConstraint",
     "contact intervals": "hpcinv.trust.intervals.contact_interval:contact_intervals",

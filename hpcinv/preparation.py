@@ -78,6 +78,8 @@ def _prepared_on_job_mesh(
             progress.warn(_FREE_CUT)
         expected = read_expected(job, body)
         check_points(job.quantities, body)
+        if any(interface.known.rest_surface is not None for interface in job.all_interfaces):
+            on_demand("check of rest surfaces")(job, body)
         for text in on_demand("check of cavities")(job, body) if job.cavities else ():
             progress.warn(text)
     _end_if_asked(comm, stop)

@@ -118,7 +118,8 @@ class PressedBodies:
         pins = pins_of_loose_parts(self._job, self._body, equations.supports, own_form)
         own_form.contacts.pins = tuple(pins)
         surfaces = [own.pair for own in self._varied]
-        self._rest_surfaces = known_rest_surfaces(surfaces, solution.job, self._body)
+        named = [(pair.where, pair.spec) for pair in surfaces]
+        self._rest_surfaces = known_rest_surfaces(named, solution.job, self._body)
         self._lifts = Lifts(pins, surfaces)
         equations.put(solution)
         self.start: Floats = np.concatenate([*starts, self._lifts.begin(pins, equations.unknowns)])

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import MeshError
+from hpcinv.job.interfaces import OBSTACLE, Interface, interface_of
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.interfaces.pair import SurfacePair
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.physics.closures.known import RestSurface
+from hpcinv.physics.effects.contact import Contact
 from hpcinv.results.quantities_of_interest import owned_nodes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.support_checks import joined_parts
@@ -32,9 +33,9 @@ class KnownRestSurface:
         MeshError: on all ranks, if the file cannot be read, or the region belongs to none of the bodies in contact.
     """
 
-    def __init__(self, known: RestSurface, pair: SurfacePair, job: Job, body: Body) -> None:
+    def __init__(self, known: RestSurface, where: str, interface: Interface, job: Job, body: Body) -> None:
         self.within, self._body = known.within, body
-        _check_part(known.region, pair, job, body)
+        _check_part(known.region, where, interface, job, body)
         self._distance = SurfaceDistance(job.resolve(known.file), known.unit, False, body.mesh.comm)
         self._nodes = owned_nodes(body, known.region)
 
@@ -54,27 +55,39 @@ class KnownRestSurface:
         return np.asarray(source_node_values(self._body, values)[self._nodes])
 
 
-def known_rest_surfaces(pairs: Sequence[SurfacePair], job: Job, body: Body) -> list[KnownRestSurface]:
-    """Return the known rest surfaces of interfaces; collective."""
-    named = [(pair, pair.spec.known.rest_surface) for pair in pairs]
-    return [KnownRestSurface(known, pair, job, body) for pair, known in named if known is not None]
+def known_rest_surfaces(interfaces: Sequence[tuple[str, Interface]], job: Job, body: Body) -> list[KnownRestSurface]:
+    """Return the known rest surfaces of interfaces, which have their places in the job; collective.
+
+    Raises:
+        MeshError: on all ranks, if a file cannot be read, or a region belongs to none of the bodies in contact.
+    """
+    named = [(where, interface, interface.known.rest_surface) for where, interface in interfaces]
+    return [KnownRestSurface(known, where, spec, job, body) for where, spec, known in named if known is not None]
 
 
-def _check_part(region: str, pair: SurfacePair, job: Job, body: Body) -> None:
+def check_rest_surfaces(job: Job, body: Body) -> None:
+    """Check the known rest surfaces of a job before it is solved; raises as `known_rest_surfaces`; collective."""
+    interfaces = [(f"interfaces[{i}]", interface) for i, interface in enumerate(job.interfaces)]
+    interfaces += [
+        (f"effects[{i}]", interface_of(effect))
+        for i, effect in enumerate(job.effects)
+        if isinstance(effect, Contact) and effect.is_paired
+    ]
+    known_rest_surfaces(interfaces, job, body)
+
+
+def _check_part(region: str, where: str, interface: Interface, job: Job, body: Body) -> None:
     tied = [interface for interface in job.interfaces if interface.kind == "tied"]
     _, labels = joined_parts(body, tied, *parts_of(body))
     own = _parts_of_region(region, labels, body)
-    touching = set[int]().union(*(_parts_of_region(s, labels, body) for s in _surfaces(pair)))
+    surfaces = (name for name in interface.between if name != OBSTACLE)
+    touching = set[int]().union(*(_parts_of_region(name, labels, body) for name in surfaces))
     if not own or own - touching:
         raise MeshError(
-            f"{pair.where}.known.rest_surface.region: '{region}' is not on the bodies that touch at"
-            f" '{pair.spec.between[0]}', and contact there does not move it",
+            f"{where}.known.rest_surface.region: '{region}' is not on the bodies that touch at"
+            f" '{interface.between[0]}', and contact there does not move it",
             "Name a region of one of both bodies, or the interface that touches its body.",
         )
-
-
-def _surfaces(pair: SurfacePair) -> tuple[str, ...]:
-    return pair.spec.between[: 1 if pair.has_obstacle else 2]
 
 
 def _parts_of_region(name: str, labels: Ints, body: Body) -> set[int]:
