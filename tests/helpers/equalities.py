@@ -30,6 +30,9 @@ from hpcinv.solver.workspace import Workspace
 
 MODULUS = 30e3  # Pa: of the body for which the examples of effects are meant
 AFTER = 5  # number of the last equality, after the ones that `equalities` lists: the same case after another one
+# As they are before a test registers one of its own.
+LAWS = list(laws())
+OF_SOLIDS = [name for name, kind in effects().items() if not kind.only_of_kind]
 LOAD = 0.5  # of these examples, so that soft laws carry them
 TOLERANCE = 1e-9  # of displacement and energy: Newton's, 1e-12, with what the condition of the tangent adds
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
@@ -136,9 +139,8 @@ def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 def drawn(rng: np.random.Generator, *, most: int = 2, degrees: tuple[int, ...] = (1, 2)) -> Scene:
     """A scene of one law and up to ``most`` effects, held on its lowest face."""
     scene = block(rng, hexahedra=bool(rng.integers(2)))
-    law = str(rng.choice(list(laws())))
-    of_solids = [name for name, kind in effects().items() if not kind.only_of_kind]
-    names = sorted(rng.choice(of_solids, size=rng.integers(1, most + 1), replace=False).tolist())
+    law = str(rng.choice(LAWS))
+    names = sorted(rng.choice(OF_SOLIDS, size=rng.integers(1, most + 1), replace=False).tolist())
     return scene_of(scene, law, names, str(rng.choice(["forward", "inverse"])), int(rng.choice(degrees)))
 
 
