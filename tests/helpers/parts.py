@@ -13,6 +13,8 @@ import pytest
 SECONDS: Mapping[str, float] = {
     "tests/system/test_pages.py": 80.0,
     "tests/system/test_tutorials.py": 60.0,
+    "tests/verification/test_equalities.py": 40.0,
+    "tests/verification/test_products_with_derivatives.py": 40.0,
     "tests/verification/test_shell_strips.py": 30.0,
     "tests/verification/test_shells_of_revolution.py": 30.0,
     "tests/verification/test_published.py": 30.0,

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.command_line import NO_CERTIFICATE, hpcinv_here, write_job
 from helpers.imaging_cases import grid, written
+from helpers.other_packages import run_alone
 
 SLICER = "slicer-core==5.13.31053.0"
 TURN = (0.8, -0.6, 0.0, 0.6, 0.8, 0.0, 0.0, 0.0, 1.0)
@@ -102,14 +100,6 @@ def test_slicer_shows_shapes_and_label_maps_on_the_scan(tmp_path: Path) -> None:
 
 
 def seen_by_slicer(directory: Path) -> dict[str, Any]:
-    uv = os.environ.get("UV") or shutil.which("uv")
-    if not uv:
-        pytest.skip("needs uv")
     (directory / "look.py").write_text(LOOK % (FILES,))
-    bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    command = [uv, "run", "--no-project", "--isolated", "--python", "3.12", "--with", SLICER, "python", "look.py"]
-    done = subprocess.run(command, cwd=directory, env=bare, capture_output=True, text=True, timeout=1500, check=False)
-    if "No solution found" in done.stderr or "Failed to fetch" in done.stderr:
-        pytest.skip(f"{SLICER} cannot be installed: {done.stderr[-200:]}")
-    assert done.returncode == 0, done.stdout + done.stderr
+    run_alone([SLICER], directory / "look.py")
     return dict(json.loads((directory / "found.json").read_text()))
