@@ -1,5 +1,7 @@
 """Commands that show the results of a sweep: ``sweep status | table | statistics | indices | plot``."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import re
@@ -7,6 +9,7 @@ import sys
 from collections.abc import Callable, Container
 from dataclasses import replace as replace_fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hpcinv.base.files.atomic import output_errors, replace
 from hpcinv.base.files.json_data import json_data
@@ -18,6 +21,9 @@ from hpcinv.studies.batch.outcomes import Outcome
 from hpcinv.studies.batch.status import DAMAGED, Status, show
 from hpcinv.studies.sweep.results import finished, outcomes, provenance, results, status_of
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
+
+if TYPE_CHECKING:
+    from hpcinv.studies.sweep.table import SweepTable
 
 
 def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
@@ -84,10 +90,8 @@ def _table(options: argparse.Namespace) -> int:
     ledger = plan.ledger
 
     from hpcinv.studies.batch.tables import as_csv
-    from hpcinv.studies.sweep.table import SweepTable
 
-    sweep_table = SweepTable(plan, finished(plan, ledger))
-    _report_damaged(plan, ledger, sweep_table.finished)
+    sweep_table = _sweep_table(plan, ledger)
     if options.output is not None and options.output.suffix == ".h5":
         _write(options.output, sweep_table.as_hdf5(provenance(plan, ledger)))
         return 0
@@ -101,14 +105,11 @@ def _table(options: argparse.Namespace) -> int:
 
 def _statistics(options: argparse.Namespace) -> int:
     plan = load_sweep(options.sweep)
-    ledger = plan.ledger
 
     from hpcinv.studies.batch.tables import as_csv
-    from hpcinv.studies.sweep.table import SweepTable, statistics
+    from hpcinv.studies.sweep.table import statistics
 
-    sweep_table = SweepTable(plan, finished(plan, ledger))
-    _report_damaged(plan, ledger, sweep_table.finished)
-    sys.stdout.write(as_csv(statistics(sweep_table), {}))  # units are a column
+    sys.stdout.write(as_csv(statistics(_sweep_table(plan, plan.ledger)), {}))  # units are a column
     return 0
 
 
@@ -164,6 +165,15 @@ def _plot(options: argparse.Namespace) -> int:
     for text in left_out:
         print(f"left out: {text}")
     return 0
+
+
+def _sweep_table(plan: SweepPlan, ledger: Ledger) -> SweepTable:
+    """Return the table of the finished cases; report how many damaged ones are left out."""
+    from hpcinv.studies.sweep.table import SweepTable
+
+    sweep_table = SweepTable(plan, finished(plan, ledger))
+    _report_damaged(plan, ledger, sweep_table.finished)
+    return sweep_table
 
 
 def _read(plan: SweepPlan, ledger: Ledger) -> dict[str, CaseRecord]:

@@ -90,9 +90,7 @@ def _faults_of_one(place: KeyPath, interface: Interface, directions: Sequence[st
         yield from (((*place, "closure"), text) for text in fault_of_closure(interface, directions))
     is_searched = interface.assumed is not None and bool(interface.assumed.searched_from)
     if interface.known.model_fields_set and not uncertainty and not is_searched:
-        text = (
-            "bounds an interval, and pressures of 'closure: least-energy': add 'uncertainty: contact', or leave it out"
-        )
+        text = "bounds an interval or a search: add 'uncertainty: contact' or 'closure: least-energy', or leave it out"
         yield (*place, "known"), text
     if interface.friction and uncertainty and place[0] == "effects":
         yield (*place, "friction"), "is not possible with 'uncertainty: contact': it varies friction between bodies"

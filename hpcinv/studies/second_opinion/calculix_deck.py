@@ -94,9 +94,8 @@ def write_deck(path: Path, body: LoadedBody, units: Units, program: Program = "c
     deck = Deck(nodes, mesh.node_tags[nodes], element)
     if program == "calculix":
         body.notes += [f"{remote.place}: {MOMENT_NOTE}" for remote in body.remotes if remote.moment.any()]
-        body.notes += [note] if (note := coarse_residual(body, units)) else []
     posed = _Posed(body, mesh, elements, deck, Frames(body), units, program)
-    refuse_small_compliances(body, units, program)
+    heed_limits(body, units, program)
     lines = [text, *_model(posed), *_step(posed)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
@@ -167,10 +166,11 @@ def card_of(law: MaterialLaw, name: str, units: Units) -> str:
         raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
 
 
-def refuse_small_compliances(body: LoadedBody, units: Units, program: Program) -> None:
-    """Raise ``OutputError`` if CalculiX would take a compliance of a law for 0."""
+def heed_limits(body: LoadedBody, units: Units, program: Program) -> None:
+    """Raise ``OutputError`` if CalculiX would take a compliance of a law for 0; note if it would take loads for it."""
     if program != "calculix":
         return
+    body.notes += [note] if (note := coarse_residual(body, units)) else []
     for region, law in body.laws.items():
         lines = (line for line in card_of(law, region, units).splitlines() if line[:1] != "*")
         first, *others = (abs(float(word)) for line in lines for word in line.split(","))

@@ -32,14 +32,13 @@ from hpcinv.studies.second_opinion.calculix_deck import (
     card_of,
     expected_path,
     expected_table,
+    heed_limits,
     nodal_forces,
     output_lines,
-    refuse_small_compliances,
     set_rows,
     step_head,
     weight_lines,
 )
-from hpcinv.studies.second_opinion.calculix_units import coarse_residual
 from hpcinv.studies.second_opinion.loaded_body import Held, LoadedBody
 from hpcinv.studies.second_opinion.units import Units
 
@@ -90,9 +89,7 @@ def write_shell(path: Path, body: LoadedBody, units: Units, program: Program) ->
         text = plain.read_text("utf-8")
     tags = sheet.surface.node_tags
     deck = Deck(sheet.columns[1][sheet.nodes], tags[sheet.nodes], "S8R")
-    refuse_small_compliances(body, units, program)
-    if program == "calculix" and (note := coarse_residual(body, units)):
-        body.notes.append(note)
+    heed_limits(body, units, program)
     lines = [text, *_model(body, sheet, deck, units), *_step(body, sheet, deck, units, program)]
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)

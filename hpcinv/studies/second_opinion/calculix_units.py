@@ -37,8 +37,8 @@ def coarse_residual(body: LoadedBody, units: Units) -> str | None:
     if not load or units.force * _NO_RESIDUAL <= _SMALL * load:
         return None
     return (
-        f"CalculiX takes residual forces below {_NO_RESIDUAL:g} units of force for 0, and the loads are"
-        f" {load / units.force:.1g} of them at a node: give a smaller one, as --force-unit uN"
+        f"CalculiX takes residual forces below {_NO_RESIDUAL:g} units of force for 0, and a node carries"
+        f" {load / units.force:.1g} units on average: give a smaller unit, such as --force-unit uN"
     )
 
 

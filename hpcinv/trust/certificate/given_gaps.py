@@ -46,10 +46,10 @@ class GivenGapsCheck(Check):
         except SolveError as fault:
             yield Line(GAPS, None, "m", _RULE, Verdict.UNDECIDED, fault.message)
             return
-        changes = [f"force on '{name}' by {share:.2g} of it" for name, share in found.forces.items()]
+        changes = [f"the force on '{name}' by {share:.2g} of it" for name, share in found.forces.items()]
         changes += [f"'{name}' by {readable(change, unit)}" for name, (change, unit) in found.quantities.items()]
         note = f"gaps that are {readable(found.error, 'm')} larger or smaller change {', '.join(changes)}"
-        note += f"; positions most at ({point_text(found.place)}) m of the given mesh; to first order"
+        note += f"; the position at ({point_text(found.place)}) m of the given mesh changes most; to first order"
         yield Line(GAPS, found.largest, "m", _RULE, Verdict.PASS, note)
 
 
@@ -61,7 +61,7 @@ def _assumed(run: CheckedRun) -> list[Interface]:
 def _undecided(interfaces: list[Interface]) -> str:
     """Return why the change is not known, or nothing."""
     if any(interface.friction for interface in interfaces):
-        return "with friction tractions follow the gaps by their history"
+        return "with friction, tractions depend on the history of slip"
     if any(interface.assumed is not None and interface.assumed.searched_from for interface in interfaces):
         return "the search for the least energy has no slopes by the gaps"
     return ""

@@ -130,7 +130,7 @@ def _followed(
         forces = np.zeros(b.local_size)
         for pair, rate, a in zip(pairs, rates, acts, strict=True):
             trial = np.where(a, rate + pair.penalties * error, 0.0)
-            forces += pair.forces_of(trial, np.zeros((len(trial), 3)))[: len(forces)]
+            forces += pair.forces_of(trial, np.zeros((len(trial), 3)))
         b.array[:] = forces
         equations.supports.free(b.array)
         numbers.solve(b, np.zeros(numbers.count), x)

@@ -102,8 +102,8 @@ def _change(bodies: PressedBodies, body: Pressed) -> Floats:
     found = bodies.comm.bcast(found)
     if found is None:
         raise SolveError(
-            "contact of least energy: no unloaded bodies were found that do not overlap, with pressures from 0 on, and"
-            " agree with what is 'known'",
+            "contact of least energy: no unloaded bodies were found that do not overlap, have no negative pressure"
+            " and agree with what is 'known'",
             "Check travel and segmentation; 'uncertainty: contact' says what is missing.",
         )
     change: Floats = np.asarray(found)
