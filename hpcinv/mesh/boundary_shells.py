@@ -1,14 +1,31 @@
-"""Area vectors of facets, and the closed shells of a boundary: the outer one and those around cavities."""
+"""Cells and area vectors of facets, and the closed shells of a boundary: the outer one and those around cavities."""
 
 import dolfinx
 import numpy as np
 
 from hpcinv.base.quantity.arrays import LocalIndices
-from hpcinv.mesh.cells import FACET_KIND, vertex_count
+from hpcinv.mesh.cells import FACET_KIND, sub_entities, vertex_count
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 
 type Mesh = dolfinx.mesh.Mesh[np.float64]
+
+
+def cells_of_facets(mesh: Mesh, facets: LocalIndices) -> LocalIndices:
+    """Return the cell (n,) of each facet of the boundary (n,), local to this rank."""
+    mesh.topology.create_connectivity(2, 3)
+    links = mesh.topology.connectivity(2, 3)
+    cells: LocalIndices = links.array[links.offsets[facets]]
+    return cells
+
+
+def cells_and_sides(mesh: Mesh, facets: LocalIndices) -> tuple[LocalIndices, Ints]:
+    """Return the cell (n,) of each facet of the boundary (n,), and the number (n,) of the facet in it."""
+    cells = cells_of_facets(mesh, facets)
+    mesh.topology.create_connectivity(3, 2)
+    count = len(sub_entities(mesh.topology.cell_type.name, 2))
+    sides = mesh.topology.connectivity(3, 2).array.reshape(-1, count)[cells]
+    return cells, (sides == facets[:, None]).argmax(axis=1)
 
 
 def outer_facets(mesh: Mesh, facets: LocalIndices) -> tuple[LocalIndices, Floats]:
@@ -17,7 +34,6 @@ def outer_facets(mesh: Mesh, facets: LocalIndices) -> tuple[LocalIndices, Floats
     Curved facets are taken as flat ones with the same vertices. A quadrilateral whose vertices are in no plane has the
     normal of the plane through the middles of its edges. Not collective.
     """
-    mesh.topology.create_connectivity(2, 3)
     kind = mesh.topology.cell_type.name
     count = vertex_count(FACET_KIND[kind])
     if not len(facets):
@@ -28,9 +44,9 @@ def outer_facets(mesh: Mesh, facets: LocalIndices) -> tuple[LocalIndices, Floats
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     else:  # vertices of quadrilaterals are numbered row by row
         areas = np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-    cell_links = mesh.topology.connectivity(2, 3)
-    cells = cell_links.array[cell_links.offsets[facets]]
-    middles = mesh.geometry.x[mesh.geometry.dofmaps[0][cells][:, : vertex_count(kind)]].mean(axis=1)
+    middles = mesh.geometry.x[mesh.geometry.dofmaps[0][cells_of_facets(mesh, facets)][:, : vertex_count(kind)]].mean(
+        axis=1
+    )
     areas[np.einsum("ij,ij->i", areas, corners.mean(axis=1) - middles) < 0] *= -1
     return nodes, areas
 

@@ -11,6 +11,7 @@ import dolfinx
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.cells import FACET_KIND, jacobians, scalar_element, sub_entities
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 from hpcinv.mesh.topology import unique_rows, vertex_sets
@@ -140,14 +141,8 @@ def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None
     mesh, kind, degree = body.mesh, body.source.kind, body.degree
     topology, geometry = mesh.topology, mesh.geometry
     topology.create_connectivity(2, 3)
-    topology.create_connectivity(3, 2)
     facets = dolfinx.mesh.exterior_facet_indices(topology)
-    facet_cells = topology.connectivity(2, 3)
-    local_cells = facet_cells.array[facet_cells.offsets[facets]]
-    cells = local_cells.astype(np.int64)
-    cell_facets = topology.connectivity(3, 2).array.reshape(-1, len(sub_entities(kind, 2)))
-    which = (cell_facets[cells] == facets[:, None]).argmax(axis=1)
-
+    cells, which = cells_and_sides(mesh, facets)
     table, turned = _facets_of_reference_cell(kind, degree)
     local = geometry.dofmaps[0][cells[:, None], table[which]]
     middle = scalar_element(kind, 1).points.mean(axis=0)[None]
@@ -156,7 +151,7 @@ def gather_surface(body: Body, nodes: Floats, evaluate: SurfaceEvaluation | None
     order = np.stack([np.asarray(topology.original_cell_index)[cells], which], axis=1)
     tags = geometry.input_global_indices[local].astype(np.int64)
     middles = scalar_element(kind, 1).points[sub_entities(kind, 2)].mean(axis=1)[which]
-    values = evaluate(facets, local_cells, middles) if evaluate else np.zeros((len(facets), 0))
+    values = evaluate(facets, cells, middles) if evaluate else np.zeros((len(facets), 0))
     gathered = mesh.comm.gather((order, tags, nodes[local], outward, values))
     if gathered is None:
         return None

@@ -6,6 +6,7 @@ from dolfinx import fem, la
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.cells import kind_and_degree, scalar_element
 from hpcinv.mesh.source import Floats
 
@@ -35,16 +36,11 @@ def nodal_normals(space: fem.FunctionSpace, facets: LocalIndices) -> tuple[Local
     sizes = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     outward = basix.cell.facet_outward_normals(cell_type) * sizes[:, None]
     positions = space.tabulate_dof_coordinates()
-    mesh.topology.create_connectivity(2, 3)
-    mesh.topology.create_connectivity(3, 2)
-    cell_of, facet_of = mesh.topology.connectivity(2, 3), mesh.topology.connectivity(3, 2)
     facets = facets[facets < mesh.topology.index_map(2).size_local]
     sums = la.vector(dofmap.index_map, 3)
     totals = sums.array.reshape(-1, 3)
     parts = []
-    for facet in facets.tolist():
-        cell = cell_of.links(facet)[0]
-        local = int(np.flatnonzero(facet_of.links(cell) == facet)[0])
+    for cell, local in zip(*cells_and_sides(mesh, facets), strict=True):
         closure = closures[local]
         nodes = mesh.geometry.x[mesh.geometry.dofmaps[0][cell]]
         points = shapes[0, closure] @ nodes

@@ -16,6 +16,7 @@ import numpy as np
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh import Body
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.cells import scalar_element, sub_entities
 from hpcinv.mesh.source import Floats
 from hpcinv.model.spaces import Unknowns
@@ -57,14 +58,7 @@ class SurfacePoints:
     def __init__(self, body: Body, facets: LocalIndices, unknowns: Unknowns, size: float | None) -> None:
         mesh, kind = body.mesh, body.source.kind
         self._mesh, self._unknowns = mesh, unknowns
-        topology = mesh.topology
-        topology.create_connectivity(2, 3)
-        topology.create_connectivity(3, 2)
-        facet_cells, cell_facets = topology.connectivity(2, 3), topology.connectivity(3, 2)
-        cells = np.array([facet_cells.links(facet)[0] for facet in facets], dtype=np.int64)
-        sides = np.array(
-            [cell_facets.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)], dtype=int
-        )
+        cells, sides = cells_and_sides(mesh, facets)
         corners, places = sub_entities(kind, 2), basix.geometry(basix.CellType[kind])
         geometry = scalar_element(kind, body.degree)
         shape = unknowns.scalar_elements[0]

@@ -19,6 +19,7 @@ from hpcinv.job.quantity_of_interest import QuantityOfInterest, QuantityValue
 from hpcinv.job.vocabulary import STRESS
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.location import Point, PointLocation, locate, position
@@ -263,16 +264,11 @@ _REDUCTIONS: Mapping[str, Callable[[MPI.Intracomm, Floats, Floats], float]] = {
 
 def owned_nodes(body: Body, name: str) -> npt.NDArray[np.int64]:
     """Return the nodes of a region that the given cells have there, among the local nodes of the source."""
-    region, geometry, topology = find(body.regions, name, body.source), body.source_geometry, body.mesh.topology
+    region, geometry = find(body.regions, name, body.source), body.source_geometry
     marks, nodes = la.vector(geometry.index_map(), 1), geometry.dofmaps[0]
     marks.array[nodes[region.cells]] = 1.0
     if len(region.facets):
-        topology.create_connectivity(2, 3)
-        topology.create_connectivity(3, 2)
-        adjacent = topology.connectivity(2, 3)
-        cells = adjacent.array[adjacent.offsets[region.facets]]
-        sides = topology.connectivity(3, 2).array.reshape(len(nodes), -1)[cells]
-        side = np.argmax(sides == region.facets[:, None], axis=1)
+        cells, side = cells_and_sides(body.mesh, region.facets)
         element = scalar_element(body.source.kind, body.source.degree)
         marks.array[nodes[cells[:, None], np.array(element.entity_closure_dofs[2])[side]]] = 1.0
     # A rank may own a node on the region's edge without having a facet of the region.

@@ -15,7 +15,7 @@ from hpcinv.job.interfaces import Interface
 from hpcinv.job.job import Job
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
-from hpcinv.mesh.boundary_shells import outer_facets
+from hpcinv.mesh.boundary_shells import cells_of_facets, outer_facets
 from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.parts import parts_of
@@ -242,9 +242,8 @@ def check_not_enclosed(job: Job, body: Body) -> None:
     facets = exterior_facet_indices(topology)
     facets = facets[facets < topology.index_map(2).size_local]
     _, areas = outer_facets(body.mesh, facets)
-    links = topology.connectivity(2, 3)
     count, labels = parts_of(body)
-    facet_parts = labels[links.array[links.offsets[facets]]]
+    facet_parts = labels[cells_of_facets(body.mesh, facets)]
     faces = np.abs(areas) > _FLAT * np.linalg.norm(areas, axis=1, keepdims=True)
     faces[~_are_flat(body, facets, areas)] = True  # curved: nothing is known of the normals
     for i, axis in enumerate(AXES):
@@ -294,5 +293,4 @@ def joined_parts(body: Body, interfaces: Sequence[Interface], count: int, labels
 
 
 def _labels(body: Body, labels: Ints, region: str) -> Ints:
-    links = body.mesh.topology.connectivity(2, 3)
-    return np.array([labels[links.links(facet)[0]] for facet in body.facets(region)], dtype=np.int64)
+    return labels[cells_of_facets(body.mesh, body.facets(region))]

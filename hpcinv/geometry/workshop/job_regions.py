@@ -14,6 +14,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.region_references import REFERENCES
 from hpcinv.mesh import build_body
 from hpcinv.mesh.body import Body
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.cells import scalar_element, sub_entities
 from hpcinv.mesh.facet_groups import add_facets
 from hpcinv.mesh.regions import BOUNDARY
@@ -76,10 +77,5 @@ def _with_remainder(shape: MeshSource, job: Job) -> MeshSource:
 
 def _sides(body: Body, facets: LocalIndices, order: Ints) -> Ints:
     """Return the cell, as the file counts, and the local number in it (n, 2) of facets of a mesh on one rank."""
-    topology = body.mesh.topology
-    topology.create_connectivity(2, 3)
-    topology.create_connectivity(3, 2)
-    of_facets, of_cells = topology.connectivity(2, 3), topology.connectivity(3, 2)
-    cells = of_facets.array[of_facets.offsets[facets]]
-    which = (of_cells.array.reshape(len(order), -1)[cells] == facets[:, None]).argmax(axis=1)
+    cells, which = cells_and_sides(body.mesh, facets)
     return np.stack([order[cells], which], axis=1)

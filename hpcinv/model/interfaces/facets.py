@@ -11,6 +11,7 @@ import numpy as np
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh import Body
+from hpcinv.mesh.boundary_shells import cells_and_sides
 from hpcinv.mesh.cells import FACET_KIND, scalar_element, sub_entities
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.spaces import Unknowns
@@ -107,14 +108,10 @@ class RegionFacets:
 
     def __init__(self, body: Body, facets: LocalIndices, unknowns: Unknowns) -> None:
         mesh, cell_kind = body.mesh, body.source.kind
-        topology, space = mesh.topology, unknowns.displacement_space
-        topology.create_connectivity(2, 3)
-        topology.create_connectivity(3, 2)
-        owned = topology.index_map(3).size_local
-        cells = np.array([topology.connectivity(2, 3).links(facet)[0] for facet in facets], dtype=np.int64)
-        facets, cells = facets[cells < owned], cells[cells < owned]
-        links = topology.connectivity(3, 2)
-        sides = np.array([links.links(c).tolist().index(f) for c, f in zip(cells, facets, strict=True)], dtype=np.int64)
+        space = unknowns.displacement_space
+        cells, sides = cells_and_sides(mesh, facets)
+        owned = cells < mesh.topology.index_map(3).size_local
+        cells, sides = cells[owned], sides[owned]
         element = unknowns.scalar_elements[0].basix_element
         self.kind = FacetKind(FACET_KIND[cell_kind], element.degree)
         places, self._signs = _places(cell_kind, element.degree, self.kind.kind)

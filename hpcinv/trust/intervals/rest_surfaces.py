@@ -12,6 +12,7 @@ from hpcinv.job.interfaces import OBSTACLE, Interface, interface_of
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
+from hpcinv.mesh.boundary_shells import cells_of_facets
 from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats, Ints
@@ -95,7 +96,5 @@ def _parts_of_region(name: str, labels: Ints, body: Body) -> set[int]:
     region: Any = find(body.regions, name, body.source)
     cells = region.cells
     if len(region.facets):
-        body.mesh.topology.create_connectivity(2, 3)
-        adjacent = body.mesh.topology.connectivity(2, 3)
-        cells = np.append(cells, adjacent.array[adjacent.offsets[region.facets]])
+        cells = np.append(cells, cells_of_facets(body.mesh, region.facets))
     return set().union(*body.mesh.comm.allgather(set(np.unique(labels[cells]).tolist())))
