@@ -132,14 +132,20 @@ def _joined(gmsh: Any, path: Path, solids: list[_Solid], unit: float, *, glued: 
         for dim, tag in children:
             if dim == 3:
                 owners.setdefault(tag, []).append(solid.name)
+    _check_overlaps(gmsh, path, owners, unit)
+    colours = {solid.name: solid.colour for solid in solids}
+    return [_Solid(names[0], tag, colours[names[0]]) for tag, names in owners.items()]
+
+
+def _check_overlaps(gmsh: Any, path: Path, owners: Mapping[int, Sequence[str]], unit: float) -> None:
+    """Raise an error if a piece belongs to two solids; ``owners`` are the names of each piece's."""
+    occ = gmsh.model.occ
     whole = sum(occ.getMass(3, tag) for tag in owners)
     for tag, names in owners.items():
         if len(names) > 1 and occ.getMass(3, tag) > _OVERLAP * whole:
             place = ", ".join(f"{x * unit:.4g}" for x in occ.getCenterOfMass(3, tag))
             text = f"solids '{names[0]}' and '{names[1]}' overlap near ({place}) m"
             raise MeshError(f"{path}: {text}", "Subtract one from the other in the CAD program.")
-    colours = {solid.name: solid.colour for solid in solids}
-    return [_Solid(names[0], tag, colours[names[0]]) for tag, names in owners.items()]
 
 
 def _measures(gmsh: Any) -> dict[int, tuple[float, ...]]:

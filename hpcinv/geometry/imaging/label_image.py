@@ -82,22 +82,11 @@ def read_labels(
     """
     grid = read_voxels(path)
     numbers = grid.numbers
-    surrounding = neighbours or {}
     if labels is None:
         labels = {"body": grid.labels[grid.labels != 0].tolist()}
-    for name, given in {**labels, **surrounding}.items():
-        if not given:
-            text = f"{path}: the region '{name}' has no label; the labels in the image are {described(grid, unit)}"
-            raise MeshError(text, "Name the numbers of its voxels.")
-    labels, surrounding = numbered(path, labels, grid.names), numbered(path, surrounding, grid.names)
+    regions, surrounding = (_members(path, grid, given, unit) for given in (labels, neighbours or {}))
     voxels = np.zeros(numbers.shape, dtype=np.int16)
-    for name, number in ((name, number) for name, members in {**labels, **surrounding}.items() for number in members):
-        if number not in grid.labels:
-            raise MeshError(
-                f"{path}: no voxel has the label {number} ('{name}'); the labels in it are {described(grid, unit)}",
-                "Correct 'labels' in the job's section 'mesh'.",
-            )
-    for index, members in enumerate(labels.values(), start=1):
+    for index, members in enumerate(regions.values(), start=1):
         for part, labelled in zip(numbers, voxels, strict=True):
             labelled[np.isin(part, list(members))] = index
     masks = {name: _mask(numbers, members) for name, members in surrounding.items()}
@@ -106,7 +95,25 @@ def read_labels(
     origin, axes = turn @ grid.origin * unit, turn @ grid.axes
     # The file's numbers are kept only where a message may need them.
     kept = {"numbers": numbers} if masks else {}
-    return LabelImage(path, tuple(labels), voxels, grid.spacing * unit, origin, axes, frame, masks, **kept)
+    return LabelImage(path, tuple(regions), voxels, grid.spacing * unit, origin, axes, frame, masks, **kept)
+
+
+def _members(
+    path: Path, grid: VoxelGrid, given: Mapping[str, Sequence[int | str]], unit: float
+) -> dict[str, Sequence[int]]:
+    """Return the numbers of the voxels of each region; raise an error if it has none, or one is not in the image."""
+    for name, members in given.items():
+        if not members:
+            text = f"{path}: the region '{name}' has no label; the labels in the image are {described(grid, unit)}"
+            raise MeshError(text, "Name the numbers of its voxels.")
+    found = numbered(path, given, grid.names)
+    for name, number in ((name, number) for name, members in found.items() for number in members):
+        if number not in grid.labels:
+            raise MeshError(
+                f"{path}: no voxel has the label {number} ('{name}'); the labels in it are {described(grid, unit)}",
+                "Correct 'labels' in the job's section 'mesh'.",
+            )
+    return found
 
 
 def frame_of(orientation: str) -> Floats:

@@ -2,7 +2,7 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +42,32 @@ def read_xdmf(path: Path) -> MeshSource:
         raise MeshError(f"{path}: has no grid with a topology and a geometry", "Write one with dolfinx.io.XDMFFile.")
     kind, cells, points = _body(path, mesh)
     degree = degree_of(path, kind, cells.shape[1])
-    facets = [no_cells(FACET_KIND[kind], degree)]
-    groups: list[Group] = []
     marked = [a for a in mesh.findall("Attribute[@Center='Cell']") if _is_tags(path, a, len(cells))]
     whole = marked[0] if marked else None
-    for grid in grids:
-        marker = whole if grid is mesh else grid.find("Attribute[@Center='Cell']")
+    markers = ((grid, whole if grid is mesh else grid.find("Attribute[@Center='Cell']")) for grid in grids)
+    facets, groups = _groups(path, markers, kind, degree, cells)
+    cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
+    grids = [mesh, *(g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None)]
+    return MeshSource(
+        path,
+        kind,
+        degree,
+        points,
+        node_tags,
+        cells,
+        cell_tags,
+        facets,
+        groups,
+        data=_arrays(path, grids, whole, {"nodes": len(points), "cells": len(cells)}),
+    )
+
+
+def _groups(
+    path: Path, markers: Iterable[tuple[ET.Element, ET.Element | None]], kind: str, degree: int, cells: Ints
+) -> tuple[Ints, tuple[Group, ...]]:
+    """Return the nodes of facets, and the groups of facets and cells, from grids and their attributes of tags."""
+    facets, groups = [no_cells(FACET_KIND[kind], degree)], list[Group]()
+    for grid, marker in markers:
         values = None if marker is None else marker.find("DataItem")
         entity_kind, entities = _topology(path, grid)
         if values is None or entity_kind not in (kind, FACET_KIND[kind]):
@@ -61,20 +81,7 @@ def read_xdmf(path: Path) -> MeshSource:
             facets.append(entities)
         for number, value in enumerate(np.unique(tags), len(groups) + 1):
             groups.append(Group(f"{name}-{int(value)}", dim, number, rows[tags == value]))
-    cell_tags, node_tags = np.arange(1, len(cells) + 1), np.arange(1, len(points) + 1)
-    grids = [mesh, *(g for g in root.findall("Domain/Grid/Grid") if g.find("Topology") is None)]
-    return MeshSource(
-        path,
-        kind,
-        degree,
-        points,
-        node_tags,
-        cells,
-        cell_tags,
-        np.concatenate(facets),
-        tuple(groups),
-        data=_arrays(path, grids, whole, {"nodes": len(points), "cells": len(cells)}),
-    )
+    return np.concatenate(facets), tuple(groups)
 
 
 def _body(path: Path, mesh: ET.Element) -> tuple[str, Ints, npt.NDArray[np.float64]]:
