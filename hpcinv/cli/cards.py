@@ -9,8 +9,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.names import check_directory_of, escaped_line
 from hpcinv.base.reading.suffix import suffix_of
-from hpcinv.errors import JobError, OutputError
+from hpcinv.errors import JobError
 
 if TYPE_CHECKING:
     from hpcinv.formats.cards.card import Card
@@ -43,8 +44,7 @@ def convert(options: argparse.Namespace) -> int:
     if options.output is None:
         print(text, end="")
         return 0
-    if not options.output.parent.is_dir():
-        raise OutputError(f"{options.output}: cannot be written: there is not a directory {options.output.parent}")
+    check_directory_of(options.output)
     write_output(options.output, text.encode())
     return 0
 
@@ -155,8 +155,6 @@ def checked_sections(card: Card, unit: str) -> dict[str, Any]:
 
 def _as_yaml(card: Card, program: str, unit: str, sections: Mapping[str, Any]) -> str:
     import yaml
-
-    from hpcinv.base.files.names import escaped_line
 
     name = f" of material {card.name}" if card.name else ""
     comments = [f"{card.title}{name} ({program}), stresses in {unit}", *card.law.notes]

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.files.untrusted import add_option
 from hpcinv.base.mesh_formats import MESHES
 from hpcinv.base.quantity.units import readable
@@ -226,8 +227,7 @@ def _export_cells(options: argparse.Namespace, unit: float) -> int:
     from hpcinv.geometry.workshop.solid import region_cells, volume_of
 
     refuse_options_of_surfaces(options)
-    if not options.to.parent.is_dir():
-        raise OutputError(f"{options.to}: cannot be written: there is not a directory {options.to.parent}")
+    check_directory_of(options.to)
     source = read_shape(options.run, options.shape)
     cells = None if options.region is None else region_cells(source, options.region)
     mesh = write_cells(options.to, source, cells, options.scale, unit)

@@ -10,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.files.untrusted import add_option
 from hpcinv.cli.help import add_command
 from hpcinv.cli.options import positive
@@ -82,8 +83,8 @@ def _check_outputs(options: argparse.Namespace) -> None:
         if path is not None and path.suffix not in endings:
             raise OutputError(f"{path}: must end in {' or '.join(endings)}")
     for path in (options.plot, options.material, options.output):
-        if path is not None and not path.parent.is_dir():
-            raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+        if path is not None:
+            check_directory_of(path)
 
 
 def _fit(options: argparse.Namespace) -> int:

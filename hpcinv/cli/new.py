@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.files.atomic import output_errors, replace, write_output
-from hpcinv.base.files.names import escaped_line, yaml_text
+from hpcinv.base.files.names import check_directory_of, escaped_line, yaml_text
 from hpcinv.base.files.untrusted import add_option
 from hpcinv.base.quantity.quantity import positive
 from hpcinv.base.quantity.schema import NAME_OF_FILE
@@ -187,8 +187,7 @@ def _check_output(output: Path) -> None:
         raise OutputError(
             f"{output}: cannot be the name of a job", "Use letters, digits, _, - and dots, a letter first."
         )
-    if not output.parent.is_dir():
-        raise OutputError(f"{output.parent}: is not a directory", "Make it first.")
+    check_directory_of(output)
 
 
 def _check_input_file(options: argparse.Namespace) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.files.untrusted import add_option
 from hpcinv.base.reading.door import admitted
 from hpcinv.cli.help import add_command
@@ -169,8 +170,7 @@ def _check_page(given: Path, path: Path, *, is_run: bool) -> None:
         raise OutputError(f"{given}: --html is for jobs and meshes", f"Of a run: hpcinv report {given}")
     if path.suffix.lower() not in (".html", ".htm"):
         raise OutputError(f"{path}: --html writes HTML files", f"Name it {path.with_suffix('.html').name}.")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path.parent}: no such directory", "Make it first, or name another one.")
+    check_directory_of(path)
 
 
 def _body_picture(path: Path, unit: str | None) -> Picture:

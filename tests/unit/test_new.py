@@ -274,7 +274,7 @@ def test_examples_run_and_certify(kind: str, tmp_path: Path) -> None:
         ("part --size 3 job.yaml", "--size: is for an --image or a --surface"),
         ("part --surface it.stl --image scan.nii.gz job.yaml", "--surface: a job has one mesh"),
         ("part job.txt", "job.txt: is not a name of a job"),
-        ("part no/job.yaml", "no: is not a directory"),
+        ("part no/job.yaml", "there is not a directory no"),
         ("part '.yaml", "'.yaml: cannot be the name of a job"),
         ("liver --image scan.nii.gz --label a:b=5 job.yaml", "mesh.labels"),
     ],

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from hpcinv.errors import OutputError
 
-exists, is_file = os.path.exists, os.path.isfile
+exists, is_file, is_directory = os.path.exists, os.path.isfile, os.path.isdir
 """False, and no error as from methods of a path, for names that are too long or have a null character"""
 
 
@@ -56,3 +56,10 @@ def check_output(path: Path) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{path}: cannot be used: {reason}", "Choose another --output.") from None
+
+
+def check_directory_of(path: Path) -> None:
+    """Raise ``OutputError`` if there is no directory for a file to write."""
+    if not is_directory(path.parent):
+        text = f"{path}: cannot be written: there is not a directory {path.parent}"
+        raise OutputError(text, "Make it first, or name another one.")

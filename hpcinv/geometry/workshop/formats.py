@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.mesh_formats import MESHES
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.errors import OutputError
@@ -30,8 +31,7 @@ def check(path: Path, unit: str) -> None:
         raise OutputError(text, f"--to also writes meshes of cells: {', '.join(MESHES)}.")
     if suffix_of(path) == ".3mf" and unit not in UNITS_OF_3MF:
         raise OutputError(f"{path}: 3MF knows no unit '{unit}'", f"Its units are {', '.join(UNITS_OF_3MF)}.")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+    check_directory_of(path)
 
 
 def write(path: Path, solid: Solid, unit: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.errors import OutputError
 from hpcinv.mesh.cells import vertex_count
 from hpcinv.mesh.source import DataArray, Floats, Ints, MeshSource
@@ -54,8 +55,7 @@ def write_opencarp(path: Path, source: MeshSource, cells: Ints | None, scale: fl
             f"{path}: meshes of openCARP are written of tetrahedra, and these cells are hexahedra",
             "Mesh the body by tetrahedra, or export .vtu and convert it by meshtool.",
         )
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+    check_directory_of(path)
     rows = np.arange(len(source.cells)) if cells is None else np.sort(cells)
     corners = source.cells[rows][:, : vertex_count(source.kind)]
     used, numbers = np.unique(corners, return_inverse=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.errors import OutputError
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.version import __version__
@@ -64,8 +65,7 @@ def write_paraview_state(path: Path, run: Path) -> None:
     """
     if not run.is_dir():
         raise OutputError(f"{run}: no such directory", "Give the directory that 'run' printed at its beginning.")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+    check_directory_of(path)
     fields = RunDirectory(run).path.resolve() / "fields"
     if missing := [name for name in ("undeformed.pvd", "deformed.pvd") if not (fields / name).is_file()]:
         advice = "Run the job to its end, without 'output: {fields: false}'."

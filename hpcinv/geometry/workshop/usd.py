@@ -16,6 +16,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 
 from hpcinv.base.files.atomic import write_output
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.quantity.spatial_fields import is_uniform
 from hpcinv.errors import OutputError
 from hpcinv.job.job import Job
@@ -58,8 +59,7 @@ def write_usd(path: Path, job: Job, loaded: MeshSource, rest: MeshSource, scale:
     """
     if loaded.cells.shape != rest.cells.shape or (loaded.cells != rest.cells).any():
         raise OutputError(f"{path}: the files of both shapes have different cells", "Export another state of the run.")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: cannot be written: there is not a directory {path.parent}")
+    check_directory_of(path)
     root = f"/{Tf.MakeValidIdentifier(job.job)}"
     stage = _stage(root, unit)
     cells, parents = _tetrahedra(loaded)

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.mesh_formats.partitioned_header import HEADER, Header, describe_file, read_header
 from hpcinv.base.parallel.adios import adios2
 from hpcinv.base.parallel.runtime import MPI, agree, on_root
@@ -202,8 +203,7 @@ def _published(partial: Path, path: Path, comm: MPI.Intracomm, header: Header) -
         shutil.rmtree(partial, ignore_errors=True)
         if path.exists() and not (path / HEADER).is_file():
             raise OutputError(f"{path}: already exists, and is not a partitioned mesh", "Choose another name.")
-        if not path.parent.is_dir():
-            raise OutputError(f"{path.parent}: no such directory", "Create it, or choose another place.")
+        check_directory_of(path)
 
     on_root(comm, prepare)
     error: HpcinvError | None = None

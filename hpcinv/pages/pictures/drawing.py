@@ -16,6 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from hpcinv.base.files.names import check_directory_of
 from hpcinv.base.quantity.arrays import Floats, Ints
 from hpcinv.base.quantity.written_units import as_shown
 from hpcinv.errors import OutputError, SystemPartMissing
@@ -271,8 +272,7 @@ def check_png(path: Path) -> None:
     """Raise ``OutputError`` for a picture that is not a PNG, before it is drawn."""
     if path.suffix.lower() != ".png":
         raise OutputError(f"{path}: pictures are PNG files", f"Name it {path.with_suffix('.png').name}.")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path.parent}: no such directory", "Make it first, or name another one.")
+    check_directory_of(path)
 
 
 _MOST = 0.2
