@@ -71,7 +71,9 @@ def add_export(commands: Any) -> None:
         help=".inp, .feb, .cdb: copy this deck of the job, with the nodes of the shape",
     )
     export.add_argument(
-        "--shape", default="undeformed", help="undeformed (default), deformed, or the name of a state of the job"
+        "--shape",
+        default="undeformed",
+        help="undeformed (default), deformed, or the name of a state of the job; with --deck, the state that is loaded",
     )
     export.add_argument("--region", help="only the cells of this region (physical group)")
     export.add_argument("--unit", default="mm", help="of the coordinates in the files (default: mm)")
@@ -178,7 +180,8 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
     if options.program and suffix != ".inp":
         raise OutputError(f"--for {options.program}: is for decks whose name ends with .inp")
     form = DECKS[suffix]
-    body = loaded_body(options.run, form.loads, form.abilities)
+    state = "" if options.shape == "undeformed" else options.shape
+    body = loaded_body(options.run, form.loads, form.abilities, state)
     units = Units(unit, force_unit(options.force_unit))
     deck = form.write(options.deck, body, units, **({"program": options.program} if options.program else {}))
     print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in {options.force_unit} and {options.unit}")

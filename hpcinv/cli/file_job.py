@@ -129,6 +129,8 @@ class FileJob:
     def _placed(self, entry: Mapping[str, Any]) -> dict[str, Any] | None:
         """Return a section with units and the region of the mesh; ``None`` if there is no such region."""
         placed = {key: self._with_units(value) for key, value in entry.items() if key not in ("on", "of")}
+        if isinstance(densities := entry.get("density"), Mapping):
+            placed["density"] = {self._region(n) or n: self._with_units(value) for n, value in densities.items()}
         if "region" in entry:
             what = entry.get("effect", "support")
             region = self._region(entry["region"], entry.get("of", "surface" if "effect" in entry else "nodes"))

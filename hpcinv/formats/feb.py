@@ -76,6 +76,11 @@ HEAD = '<?xml version="1.0" encoding="UTF-8"?>', '<febio_spec version="4.0">'
 """first lines of a model"""
 
 
+def in_febio_order(elements: Ints) -> Ints:
+    """Return the nodes of elements in the order of FEBio instead of the order of Abaqus."""
+    return elements[:, _COMPLETE] if elements.shape[1] == 27 else elements
+
+
 def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mapping[str, Ints]) -> Iterator[str]:
     """Yield the section of a mesh at ``points`` (n, 3), with sets and surfaces for its groups.
 
@@ -89,9 +94,8 @@ def mesh_lines(source: MeshSource, points: Floats, elements: Ints, parts: Mappin
     for tag, (x, y, z) in zip(tags[used].tolist(), points[used].tolist(), strict=True):
         yield f'<node id="{tag}">{x!r},{y!r},{z!r}</node>'
     yield "</Nodes>"
-    kind, listed = _NAMES[source.kind, source.degree], elements
-    if elements.shape[1] == 27:
-        kind, listed = "hex27", elements[:, _COMPLETE]
+    kind = "hex27" if elements.shape[1] == 27 else _NAMES[source.kind, source.degree]
+    listed = in_febio_order(elements)
     for name, rows in parts.items():
         yield f'<Elements type="{kind}" name="{escape(name)}">'
         for tag, nodes in zip(source.cell_tags[rows].tolist(), tags[listed[rows]].tolist(), strict=True):

@@ -204,3 +204,13 @@ def test_equations_of_a_curved_face_are_listed() -> None:
     block = f"NBLOCK,6,SOLID,39,35\n(3i9,6e16.9)\n{nodes}N,R5.3,LOC,       -1,\n"
     deck = loads(block + "".join(f"CE,NEXT,0,{i},UX,1,{i},UY,{i}\n" for i in range(5, 40)))
     assert deck.unused == ["CE of 35 nodes that are not a component in a plane"]
+
+
+def test_what_acts_along_rotated_axes_of_nodes_is_listed() -> None:
+    """Node 1 is clamped, which any axes say; THXY of nodes 1 to 3 is 30 degrees."""
+    nodes = "".join(f"{i:9d}{0:9d}{0:9d}{0.0:16.9f}{0.0:16.9f}{0.0:16.9f}{30.0:16.9f}\n" for i in (11, 12, 13))
+    block = f"NBLOCK,6,SOLID,13,3\n(3i9,6e16.9)\n{nodes}N,R5.3,LOC,       -1,\n"
+    deck = loads(f"{block}D,11,ALL,0\nD,12,UX,0\nF,13,FY,5\nD,FOOT,UX,0\n")
+    assert deck.unused == ["D, F and CE on nodes whose axes are rotated (NBLOCK) (2)"]
+    assert not deck.forces
+    assert {"region": "FOOT", "fix": ["x"]} in deck.supports

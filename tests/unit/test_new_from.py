@@ -246,8 +246,9 @@ def test_a_model_of_febio_says_what_is_not_taken(tmp_path: Path) -> None:
     assert job["regions"] == {"wide_vertices": {"vertices": ends}}
     traction = {"effect": "traction", "region": "side", "traction": ["0 MPa", "0 MPa", "3 MPa"], "area_in": "current"}
     # 1 MPa s²/mm² is 1e12 kg/m³, and FEBio counts body forces with the opposite sign
-    gravity = {"effect": "gravity", "acceleration": ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]}
-    gravity["density"] = "3000000000000 kg/m^3"
+    down = ["0 mm/s^2", "0 mm/s^2", "-9.81 mm/s^2"]
+    densities = {"a": "3000000000000 kg/m^3", "b": "1000000000000 kg/m^3"}  # FEBio's own is 1
+    gravity = {"effect": "gravity", "acceleration": down, "density": densities}
     nodal = {"effect": "traction", "region": "foot", "area_in": "reference"}
     # Three nodes with 2 each along y, and with 2 along z, on an area of 1/2.
     pushed = [nodal | {"traction": ["0 MPa", "12 MPa", "0 MPa"]}, nodal | {"traction": ["0 MPa", "0 MPa", "12 MPa"]}]

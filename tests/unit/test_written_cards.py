@@ -76,8 +76,10 @@ def test_a_written_card_gives_the_law_back(program: ModuleType, name: str, volum
         ),
         (
             febio,
-            '<material id="1" type="solid mixture"><solid type="Gent"><G>1</G><Jm>9</Jm><k>9</k></solid></material>',
-            "solid mixture of Gent has no counterpart",
+            '<material id="1" type="solid mixture">'
+            + 2 * '<solid type="Gent"><G>1</G><Jm>9</Jm><k>9</k></solid>'
+            + "</material>",
+            r"several uncoupled solids \(Gent\) has no counterpart",
         ),
         (
             febio,
@@ -113,8 +115,13 @@ def test_card_options_without_a_counterpart_are_refused_by_name(program: ModuleT
         (febio, {"law": "gent", "mu": 1, "jm": 30, "kappa": 9, "volumetric": "liu"}, "no volumetric energy 'liu'"),
         (
             febio,
-            {"law": "formula", "energy": "m/2*(I1_bar - 3)", "parameters": {"m": "1 Pa"}, "kappa": 9},
-            "no formula",
+            {
+                "law": "formula",
+                "energy": "m*(I1_bar - 3) + m*abs(I1_bar - 3)**2",
+                "parameters": {"m": "1 Pa"},
+                "kappa": 9,
+            },
+            "its energy has 'abs'",
         ),
         (ansys, {"law": "gent", "mu": "1 kPa*(1 + X/(1 m))", "jm": 30, "kappa": 9}, "vary over the body"),
     ],

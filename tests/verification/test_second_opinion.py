@@ -173,7 +173,8 @@ def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(t
 def test_hexahedra_with_20_nodes_explain_the_difference_to_ours_with_27(tmp_path: Path) -> None:
     cells = BODY["mesh"] | {"parameters": SIZE | {"hexahedra": True}, "geometry_degree": 2}
     spaces = {"displacement": 2, "formulation": "displacement"}
-    opinion = second_opinion(solved(tmp_path, mesh=cells, discretisation=spaces), None, 60)
+    supports = [*BODY["supports"], {"region": "x0", "fix": ["normal"], "normal": [2, 1, 0]}]  # an oblique plane
+    opinion = second_opinion(solved(tmp_path, mesh=cells, discretisation=spaces, supports=supports), None, 60)
     assert opinion.by_elements is not None
     assert opinion.apart is not None
     assert opinion.by_elements == pytest.approx(opinion.largest, rel=1e-2)
@@ -253,13 +254,17 @@ def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> No
 
 @needs_calculix
 def test_regions_by_conditions_are_those_of_the_given_body(tmp_path: Path) -> None:
-    """The bodies hang aslant: on the rest shape the conditions choose other facets or none."""
-    law = BODY["material"]
+    """The bodies hang aslant: on the rest shape the conditions choose other facets or none.
+
+    A modulus and the density have one value in each region.
+    """
+    gravity, *others = BODY["effects"]
     regions = {"low": "z <= 0.1001 m", "held": "nz < -0.99", "side": "x < 1e-6 m"}
-    loads = [*BODY["effects"], {"effect": "pressure", "region": "side", "pressure": 200}]
+    heavy = gravity | {"density": {"low": 700, "elsewhere": 1200}}
+    loads = [heavy, *others, {"effect": "pressure", "region": "side", "pressure": 200}]
     supports = [{"region": "held", "fix": ["x", "y", "z"]}]
-    laws = {"low": law, "elsewhere": law | {"mu": 2e4}}
-    run = solved(tmp_path, regions=regions, material=laws, effects=loads, supports=supports)
+    law = BODY["material"] | {"mu": {"low": BODY["material"]["mu"], "elsewhere": 2e4}}
+    run = solved(tmp_path, regions=regions, material=law, effects=loads, supports=supports)
     opinion = second_opinion(run, None, 60)
     assert opinion.displacement > 0.005
     assert opinion.largest < 1e-4 * opinion.displacement

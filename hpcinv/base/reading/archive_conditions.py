@@ -6,7 +6,7 @@ Source: *Ansys Mechanical APDL Command Reference*, ACEL, CE, CMSEL, D, F and SFE
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import hypot
 from operator import mul
 from typing import ClassVar, NamedTuple
@@ -186,6 +186,21 @@ class Conditions:
         if nodes is None:
             self.not_read[f"{command} of {text or 'no node'}"] += 1
         return nodes or ()
+
+    def leave_out(self, rotated: Collection[int]) -> None:
+        """Leave out what acts along the axes of nodes that are rotated; such axes are not read."""
+        lost = set[int]()
+        for values in self.held.values():
+            clamped = {node for node in rotated if all(self.held.get(a, {}).get(node) == 0 for a in _LABELS.values())}
+            lost |= (values.keys() & rotated) - clamped
+        lost |= self.forces.keys() & rotated
+        lost |= {node for node, _ in self.equations} & set(rotated)
+        if not lost:
+            return
+        self.held = {axis: {n: v for n, v in own.items() if n not in lost} for axis, own in self.held.items()}
+        self.forces = {node: force for node, force in self.forces.items() if node not in lost}
+        self.equations = [equation for equation in self.equations if equation[0] not in lost]
+        self.not_read["D, F and CE on nodes whose axes are rotated (NBLOCK)"] = len(lost)
 
     READERS: ClassVar[Mapping[str, Callable[["Conditions", Sequence[str], Callable[[], str]], None]]] = {
         "D": _read_support,

@@ -73,6 +73,7 @@ def archive_of(text: str) -> Archive:
         if (name := command[:4]) in CONDITIONS:
             archive.conditions.read(name, words[1:], lines.next)
         archive.note_end(name)
+    archive.conditions.leave_out(archive.rotated)
     return archive
 
 
@@ -85,6 +86,7 @@ class Archive:
         others: numbers of elements in blocks that are not of solids, such as contacts.
         ignored: what is not used.
         conditions: supports and loads.
+        rotated: numbers of nodes whose axes are rotated.
         is_ended: whether ``FINISH`` follows the last of them, and the last material.
     """
 
@@ -97,11 +99,12 @@ class Archive:
         self.ignored: set[str] = set()
         self.others: list[int] = []
         self.conditions = Conditions(self.sets, self.tags)
+        self.rotated: set[int] = set()
         self.is_ended = True
         self._variables: dict[str, str] = {}
 
     def read_nodes(self, lines: _Lines, words: list[str]) -> None:
-        _read_nodes(lines, self.tags, self.points)
+        self.rotated |= _read_nodes(lines, self.tags, self.points)
 
     def read_elements(self, lines: _Lines, words: list[str]) -> None:
         if "SOLID" in [word.upper() for word in words]:
@@ -221,14 +224,19 @@ def is_end(line: str) -> bool:
     return line.strip().startswith("-1") or line.strip().upper().startswith("N,")
 
 
-def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> None:
+def _read_nodes(lines: _Lines, tags: list[int], points: list[list[float]]) -> set[int]:
+    """Add nodes; return the numbers of those whose axes are rotated."""
+    rotated = set[int]()
     widths, real = _format(lines)
     if not real:
         raise Fault(f"{lines.place}: the format of NBLOCK has no coordinates", "Write it by CDWRITE,DB.")
     while not is_end(line := lines.next()):
         tags.append(whole_number(line[: widths[0]], lines.place))
-        position = [number(text, lines.place) for text in _fields(line, real, sum(widths))][:3]
-        points.append(position + [0.0] * (3 - len(position)))  # zeros at the end are left out
+        values = [number(text, lines.place) for text in _fields(line, real, sum(widths))]
+        points.append(values[:3] + [0.0] * (3 - len(values)))  # zeros at the end are left out
+        if any(values[3:6]):
+            rotated.add(tags[-1])
+    return rotated
 
 
 def _other_elements(lines: _Lines) -> Iterator[int]:

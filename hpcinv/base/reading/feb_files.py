@@ -13,6 +13,7 @@ import numpy as np
 from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.element_faces import FACES
 from hpcinv.base.reading.fault import Fault, shown
+from hpcinv.base.reading.feb_data import directions_in
 from hpcinv.base.reading.feb_model import local_name, local_nodes, model_of
 from hpcinv.base.reading.numbered_elements import integers
 
@@ -50,6 +51,7 @@ def read_feb(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     for nodes_of_fibre in _local_fibres(root):
         first, second = (arrays["points"][_local(arrays["cells"], number)] for number in nodes_of_fibre)
         arrays[f"values:{local_name(nodes_of_fibre)}"] = second - first
+    arrays |= {f"values:{name}": values for name, values in directions_in(root, blocks, cell_tags).items()}
     ignored = [part.tag for part in root if part is not mesh and part.tag not in _GENERAL and len(part)]
     return {"ignored": ignored}, arrays
 

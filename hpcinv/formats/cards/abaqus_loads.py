@@ -127,8 +127,8 @@ class DistributedLoads:
 
     def _add_mass_load(self, effect: Mapping[str, Any], kind: str, names: list[str]) -> None:
         """Add a load on the mass of sets."""
-        used = [self.densities[m] for m in self._deck.materials.values() if m in self.densities]
-        self._deck.mass_load({**effect, "on": names}, used, f"*DLOAD, {kind} on {', '.join(names)}", "*DENSITY")
+        load = f"*DLOAD, {kind} on {', '.join(names)}"
+        self._deck.mass_load({**effect, "on": names}, self.densities, load, "*DENSITY")
 
 
 def _direction(line: Sequence[str]) -> tuple[float, ...]:

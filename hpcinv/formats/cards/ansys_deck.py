@@ -127,7 +127,7 @@ class _ArchiveReader:
         _add_conditions(deck, archive)
         if any(acceleration := archive.conditions.acceleration):
             components = [Measure(0.0 - component, length=1, time=-2) for component in acceleration]
-            densities = [values["DENS"] for values in self.moduli.values() if "DENS" in values]
+            densities = {material: values["DENS"] for material, values in self.moduli.items() if "DENS" in values}
             deck.mass_load({"effect": "gravity", "acceleration": components}, densities, "ACEL", "MP,DENS")
         deck.unused += [*sorted(self._unused), *_not_read(archive)]
         return deck

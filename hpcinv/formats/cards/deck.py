@@ -151,19 +151,21 @@ class Deck:
         elif values or turns:
             self.supports.append({"region": region, "fix": sorted(values)} | turned)
 
-    def mass_load(self, effect: Mapping[str, Any], densities: Sequence[float], load: str, entry: str) -> None:
-        """Add a load on mass with the first density that is not zero; without one it is not used.
+    def mass_load(self, effect: Mapping[str, Any], densities: Mapping[str, float], load: str, entry: str) -> None:
+        """Add a load on mass, by the density of each region if materials differ; without any it is not used.
 
         Args:
+            densities: by material.
             load, entry: names of the load and of a density in the file.
         """
-        if not any(densities):
+        by_region = {region: densities.get(material, 0.0) for region, material in self.materials.items()}
+        sizes = set(by_region.values()) or {next(filter(None, densities.values()), 0.0)}
+        if not any(sizes):
             self.unused.append(f"{load}: no material has a {entry}")
             return
-        mass = Measure(next(filter(None, densities)), length=-2, stress=1, time=2)
-        self.effects.append({**effect, "density": mass})
-        if len(set(densities)) > 1:
-            self.unused.append(f"further {entry}: the job has one; give densities by region")
+        measures = {size: Measure(size, length=-2, stress=1, time=2) for size in sizes}
+        density: Any = {region: measures[size] for region, size in by_region.items()}
+        self.effects.append({**effect, "density": density if len(sizes) > 1 else measures[sizes.pop()]})
 
 
 def isotropic(young: float, poisson: float) -> Counterpart:

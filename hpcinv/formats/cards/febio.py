@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -24,25 +23,24 @@ from hpcinv.formats.cards.card import (
     Direction,
     Stress,
     UnknownLaw,
-    Values,
     chosen,
     dispersed_fibres,
     polynomial,
-    shown,
 )
 from hpcinv.formats.cards.entry import Entry, entry_of
 from hpcinv.formats.cards.febio_curves import LoadCurves
+from hpcinv.formats.cards.febio_hyperelastic import fibres_in_a_plane, hyperelastic_energy
 from hpcinv.formats.cards.febio_mixture import exponential_fibres, isochoric_sum_of, sum_of, toe_fibres
+from hpcinv.formats.cards.febio_sums import VOLUMETRIC
+from hpcinv.formats.cards.febio_writer import PROGRAM as PROGRAM
+from hpcinv.formats.cards.febio_writer import write as write
 from hpcinv.formats.cards.orthotropic import FAMILIES, lame, orthotropic, quadratic, stiffness_of
 from hpcinv.formats.cards.series import exponential_integral, inverse_langevin
-from hpcinv.physics.materials.moduli import young_and_poisson
 
-PROGRAM = "FEBio"
 TERMS = 20
 """Terms of the series of the inverse Langevin function; more change no digit of 12 up to half the limiting stretch."""
 _PRESSURE_MODELS = ("default", "NIKE3D", "Abaqus", "Abaqus (GOH)")
-_VOLUMETRIC = ("logarithmic", "simo-taylor", "quadratic", "simo-taylor")
-"""Volumetric energies, in the order of the pressure models."""
+"""in the order of `VOLUMETRIC`"""
 _WITHOUT_EFFECT = ("density",)
 _FORMULA = "state an energy in a job, by 'law: formula'"
 
@@ -127,9 +125,9 @@ def _volumetric(law: Entry, default: int = 0) -> str:
     """
     model = law.values.get("pressure_model", str(default))
     if model in _PRESSURE_MODELS:
-        return _VOLUMETRIC[_PRESSURE_MODELS.index(model)]
-    if model in map(str, range(len(_VOLUMETRIC))):
-        return _VOLUMETRIC[int(model)]
+        return VOLUMETRIC[_PRESSURE_MODELS.index(model)]
+    if model in map(str, range(len(VOLUMETRIC))):
+        return VOLUMETRIC[int(model)]
     raise UnknownLaw(f"law {law.type} with pressure_model {model} has no counterpart; {_FORMULA}")
 
 
@@ -267,6 +265,28 @@ def _uncoupled_trans_iso(law: Entry, matrix: str, c2: Stress | float) -> Counter
     return Counterpart(material | bulk, _family(law), definitions)
 
 
+def _hyperelastic(law: Entry) -> Counterpart:
+    energy, parameters = hyperelastic_energy(law)
+    material: dict[str, Any] = {"law": "formula", "energy": energy, "parameters": parameters}
+    if law.type.startswith("uncoupled"):
+        material |= {"kappa": Stress(law.number("k")), "volumetric": _volumetric(law)}
+    return Counterpart(material, _family(law) if "trans-iso" in law.type else {})
+
+
+def _unconstrained_fibres(law: Entry) -> Counterpart:
+    energy, parameters = fibres_in_a_plane(law)
+    directions = _plane_fibres(law) if law.number("gamma") else {"f": _axes(law)[0].tolist()}
+    return Counterpart({"law": "formula", "energy": energy, "parameters": parameters}, directions)
+
+
+def _plane_fibres(law: Entry) -> dict[str, Direction]:
+    """Return two families at the angles gamma and -gamma to the first axis of the material."""
+    angle = math.radians(law.number("gamma"))
+    first, second, _ = _axes(law)
+    pairs = (("f", 1), ("g", -1))
+    return {name: (math.cos(angle) * first + sign * math.sin(angle) * second).tolist() for name, sign in pairs}
+
+
 def _fibre(law: Entry, stretch: str) -> tuple[dict[str, Any], str, dict[str, str]]:
     """Return parameters, energy and definitions of fibres whose stress is exponential and then linear."""
     if law.part("active_contraction") is not None:
@@ -290,6 +310,8 @@ def _fibre(law: Entry, stretch: str) -> tuple[dict[str, Any], str, dict[str, str
 
 def _family(law: Entry) -> dict[str, Direction]:
     fibre = law.part("fiber")
+    if fibre is None and "fiber" in law.maps:
+        return {"f": law.maps["fiber"]}
     if fibre is None:
         raise UnknownLaw(f"law {law.type} without <fiber> has no counterpart; give the direction of its fibres")
     direction = _direction(fibre)
@@ -352,6 +374,9 @@ LAWS: Mapping[str, Callable[[Entry], Counterpart]] = {
     "Veronda-Westmann": _veronda_westmann,
     "Arruda-Boyce": _arruda_boyce,
     "Holzapfel-Gasser-Ogden": _dispersed_fibres,
+    "HGO unconstrained": _unconstrained_fibres,
+    **dict.fromkeys(("hyperelastic", "uncoupled hyperelastic"), _hyperelastic),
+    **dict.fromkeys(("trans-iso hyperelastic", "uncoupled trans-iso hyperelastic"), _hyperelastic),
     "coupled Mooney-Rivlin": _coupled_mooney_rivlin,
     "Holmes-Mow": _holmes_mow,
     "orthotropic elastic": _orthotropic,
@@ -420,70 +445,3 @@ def _direction(fibre: Entry) -> Direction:
         raise CardError("fibres of direction 0")
     unit: list[float] = (direction / np.linalg.norm(direction)).tolist()
     return unit
-
-
-def write(values: Values, name: str) -> str:
-    """Return the material of a law.
-
-    Raises:
-        UnknownLaw: it has no counterpart.
-    """
-    reason = _REASONS.get(values.kind, "FEBio has no such energy, or a job's is not in the list")
-    writer = values.writer(_CARDS, reason)
-    if values.is_incompressible:
-        raise values.refusal(
-            "FEBio has no exactly incompressible law; give a bulk modulus of 1000 shear moduli or more"
-        )
-    title, parameters = writer(values)
-    lines = [f"<{key}>{shown(value)}</{key}>" for key, value in parameters.items()]
-    volumetric = getattr(values.law, "volumetric", None)
-    if values.kind == "hencky":
-        if volumetric != "logarithmic":
-            raise values.refusal("its volumetric energy is logarithmic; state 'volumetric: logarithmic'")
-    elif volumetric is not None:
-        if volumetric not in _VOLUMETRIC:
-            raise values.refusal(f"it has no volumetric energy '{volumetric}'")
-        lines += [f"<k>{shown(values.bulk)}</k>", f"<pressure_model>{_VOLUMETRIC.index(volumetric)}</pressure_model>"]
-    body = "".join(f"  {line}\n" for line in lines)
-    return f'<material id="1" name={quoteattr(name)} type={quoteattr(title)}>\n{body}</material>\n'
-
-
-type _Parameters = tuple[str, dict[str, float]]
-
-
-def _elastic(title: str) -> Callable[[Values], _Parameters]:
-    def write_moduli(values: Values) -> _Parameters:
-        mu, lam = values["mu"], values["lam"]
-        return title, {"E": mu * (3 * lam + 2 * mu) / (lam + mu), "v": lam / (2 * (lam + mu))}
-
-    return write_moduli
-
-
-def _hencky_card(values: Values) -> _Parameters:
-    young, poisson = young_and_poisson(values["mu"], values.bulk)
-    return "isotropic Hencky", {"E": young, "v": poisson}
-
-
-def _ogden_card(values: Values) -> _Parameters:
-    pairs = list(zip(values["mu"], values["alpha"], strict=True))
-    if len(pairs) > MOST_TERMS:
-        raise values.refusal(f"it has at most {MOST_TERMS} terms")
-    return "Ogden", {key: x for i, (m, a) in enumerate(pairs, 1) for key, x in ((f"c{i}", m * a), (f"m{i}", a))}
-
-
-_CARDS: Mapping[str, Callable[[Values], _Parameters]] = {
-    "neo-hookean": _elastic("neo-Hookean"),
-    "st-venant-kirchhoff": _elastic("isotropic elastic"),
-    "isochoric-neo-hookean": lambda v: ("incomp neo-Hookean", {"G": v["mu"]}),
-    "mooney-rivlin": lambda v: ("Mooney-Rivlin", {"c1": v["c1"], "c2": v["c2"]}),
-    "yeoh": lambda v: ("Yeoh", {name: v[name] for name in ("c1", "c2", "c3")}),
-    "hencky": _hencky_card,
-    "ogden": _ogden_card,
-    "gent": lambda v: ("Gent", {"G": v["mu"], "Jm": v["jm"]}),
-    "veronda-westmann": lambda v: ("Veronda-Westmann", {"c1": v["c1"], "c2": v["c2"]}),
-    "arruda-boyce": lambda v: ("Arruda-Boyce", {"mu": v["mu"], "N": v["lambda_m"] ** 2}),
-}
-_REASONS = {
-    "formula": "a card has no formula",
-    "holzapfel-gasser-ogden": "its fibres have invariants of C, FEBio's of C_bar",
-}

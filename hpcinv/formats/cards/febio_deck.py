@@ -19,7 +19,7 @@ from hpcinv.formats.cards.febio_curves import LoadCurves
 from hpcinv.job.body_kinds import SOLID
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
-_WITHOUT_EFFECT = ("Output", "Import", "Step")  # the last step is read
+_WITHOUT_EFFECT = ("Output", "Import", "Step", "MeshData")  # the last step is read; data, where they are used
 _AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
 _KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
 _OPTIONS = frozenset(
@@ -236,10 +236,14 @@ class _DeckReader:
         return None
 
     def _add_weight(self, acceleration: tuple[float, ...]) -> None:
-        densities = {number(entry.text or "", "density") for entry in self._root.findall("Material/material/density")}
+        densities = {
+            material.get("name", material.get("id", "")): number(material.findtext("density", "1"), "density")
+            for material in self._root.findall("Material/material")
+            if self._root.find("Material/material/density") is not None  # where one has a density, others have 1
+        }
         components = [Measure(component, length=1, time=-2) for component in acceleration]
         effect = {"effect": "gravity", "acceleration": components}
-        self._deck.mass_load(effect, sorted(densities, reverse=True), "<body_load>", "<density>")
+        self._deck.mass_load(effect, densities, "<body_load>", "<density>")
 
     def _factor(self, item: ET.Element, what: str, region: str) -> float:
         """Return the value of the load curve of an entry at the end; 1 without one."""

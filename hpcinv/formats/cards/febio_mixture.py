@@ -18,7 +18,7 @@ from hpcinv.physics.materials.mooney_rivlin import MooneyRivlin
 
 
 def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
-    """Return the law whose energy is the sum of the energies of others.
+    """Return the law whose energy is the sum of the energies of others; one of them may be uncoupled.
 
     Args:
         parts: type, for messages, and law.
@@ -26,7 +26,10 @@ def sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
     Raises:
         UnknownLaw: the energy of one is not a formula of the whole deformation.
     """
-    return _sum(parts, _formula)
+    volumes = {kind: volume for kind, part in parts if (volume := _volume(part))}
+    if len(volumes) > 1 or sum(kind in volumes for kind, _ in parts) > 1:
+        raise UnknownLaw(f"law solid mixture of several uncoupled solids ({', '.join(volumes)}) has no counterpart")
+    return _sum(parts, _formula, next(iter(volumes.values()), {}))
 
 
 def isochoric_sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
@@ -35,11 +38,20 @@ def isochoric_sum_of(parts: Sequence[tuple[str, Counterpart]]) -> Counterpart:
     Raises:
         UnknownLaw: a law has no isochoric energy.
     """
-    return _sum(parts, _isochoric_formula)
+    return _sum(parts, _isochoric_formula, {})
+
+
+def _volume(part: Counterpart) -> dict[str, Any]:
+    """Return bulk modulus and volumetric energy of an uncoupled law; empty for others."""
+    material = part.material
+    kappa = Stress(2 * material["d1"].value) if "d1" in material else material.get("kappa")
+    return {} if kappa is None else {"kappa": kappa, "volumetric": material.get("volumetric", "quadratic")}
 
 
 def _sum(
-    parts: Sequence[tuple[str, Counterpart]], formula: Callable[[str, Counterpart], tuple[str, Mapping[str, Any]]]
+    parts: Sequence[tuple[str, Counterpart]],
+    formula: Callable[[str, Counterpart], tuple[str, Mapping[str, Any]]],
+    volume: Mapping[str, Any],
 ) -> Counterpart:
     energies: list[str] = []
     parameters: dict[str, Any] = {}
@@ -55,14 +67,16 @@ def _sum(
         fibres |= {families[name]: direction for name, direction in part.fibres.items()}
         definitions |= {names[name]: renamed(text, names, families) for name, text in part.definitions.items()}
         notes += part.notes
-    material = {"law": "formula", "energy": " + ".join(energies), "parameters": parameters}
+    material = {"law": "formula", "energy": " + ".join(energies), "parameters": parameters, **volume}
     return Counterpart(material, fibres, definitions, tuple(notes))
 
 
 def _formula(kind: str, part: Counterpart) -> tuple[str, Mapping[str, Any]]:
     """Return energy and parameters of a law."""
     material = part.material
-    if material["law"] == "formula" and "kappa" not in material:
+    if _volume(part):
+        return _isochoric_formula(kind, part)
+    if material["law"] == "formula":
         return material["energy"], material["parameters"]
     law = members_of(MaterialLaw, "law")[material["law"]]
     if not issubclass(law, LameLaw):

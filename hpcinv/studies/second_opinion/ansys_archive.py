@@ -112,7 +112,7 @@ def _model(body: LoadedBody, mesh: MeshSource, elements: Ints, element: _Element
             materials[group_of(mesh, region, 3).members] = material
         cards.append(_card(law, region or "BODY", material, units))
         if body.density:
-            cards.append(f"MP,DENS,{material},{number(body.density / units.density)}\n")
+            cards.append(f"MP,DENS,{material},{number(body.density_of(region) / units.density)}\n")
     listed = mesh.node_tags[elements[:, element.nodes]]
     yield from mesh_lines(mesh, mesh.points / units.length, elements, listed, materials)
     yield from cards

@@ -152,7 +152,7 @@ def _material(body: LoadedBody, region: str, law: MaterialLaw, units: Units) -> 
     yield from orientation_lines(body, law, name)
     yield card_of(law, name, units)
     if body.density:
-        yield f"*DENSITY\n{number(body.density / units.density)}\n"
+        yield f"*DENSITY\n{number(body.density_of(region) / units.density)}\n"
     yield from expansion_lines(body)
     axes = orientation_of(law, name)
     yield f"*SOLID SECTION, ELSET={region or CELLS}, MATERIAL={name}{f', ORIENTATION={axes}' if axes else ''}\n"

@@ -16,7 +16,7 @@ import numpy as np
 from hpcinv.formats.inp import number
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.studies.second_opinion.calculix_frames import Frames
-from hpcinv.studies.second_opinion.foundations import Foundation, SpringPoints, spring_points
+from hpcinv.studies.second_opinion.foundations import SpringPoints, spring_points
 from hpcinv.studies.second_opinion.loaded_body import LoadedBody
 from hpcinv.studies.second_opinion.units import Units
 
@@ -34,12 +34,12 @@ def spring_lines(body: LoadedBody, mesh: MeshSource, frames: Frames, node: int, 
     element = int(mesh.cell_tags.max()) + 1
     for count, foundation in enumerate(body.foundations, 1):
         points = spring_points(body.rest, body.loaded, foundation, body.quadrature)
-        stiffnesses = _stiffnesses(foundation)
+        stiffnesses = foundation.stiffnesses
         tags = range(node, node + len(points.points))
         yield "*NODE\n"
         for tag, point in zip(tags, (points.points / units.length).tolist(), strict=True):
             yield f"{tag}, {', '.join(map(number, point))}\n"
-        yield from _equations(points, tags, _axes(points, foundation)[:, : len(stiffnesses)], mesh, frames)
+        yield from _equations(points, tags, foundation.axes(points)[:, : len(stiffnesses)], mesh, frames)
         for axis, stiffness in enumerate(stiffnesses, 1):
             name = f"HPCINV_SPRINGS_{count}_{axis}"
             yield f"*ELEMENT, TYPE=SPRING1, ELSET={name}\n"
@@ -51,19 +51,6 @@ def spring_lines(body: LoadedBody, mesh: MeshSource, frames: Frames, node: int, 
             yield "*BOUNDARY\n"
             yield from (f"{tag}, 2, 3\n" for tag in tags)
         node += len(tags)
-
-
-def _stiffnesses(foundation: Foundation) -> list[float]:
-    """Return stiffnesses per area along the first axes, as many as there are springs."""
-    normal, tangential = foundation.normal, foundation.tangential
-    return [normal, tangential, tangential] if tangential else [normal]
-
-
-def _axes(points: SpringPoints, foundation: Foundation) -> Floats:
-    """Return the axes of the springs (q, 3, 3); equal springs have the axes of the coordinates."""
-    if foundation.normal == foundation.tangential:
-        return np.tile(np.eye(3), (len(points.points), 1, 1))
-    return points.axes
 
 
 def _equations(points: SpringPoints, tags: range, axes: Floats, mesh: MeshSource, frames: Frames) -> Iterator[str]:

@@ -28,7 +28,7 @@ class DeckFormat:
 _ANSYS = DeckFormat(WRITERS, ansys_archive.ABILITIES, ansys_archive.write_archive)
 DECKS: Mapping[str, DeckFormat] = {
     ".inp": DeckFormat(calculix_deck.LOADS, calculix_deck.ABILITIES, write_input_file),
-    ".feb": DeckFormat(febio_model.LOADS, (), febio_model.write_model),
+    ".feb": DeckFormat(febio_model.LOADS, febio_model.ABILITIES, febio_model.write_model),
     ".cdb": _ANSYS,
     ".dat": _ANSYS,
 }

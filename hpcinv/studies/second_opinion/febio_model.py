@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from itertools import groupby
@@ -23,14 +23,27 @@ from hpcinv.geometry.workshop.cell_mesh import write_cells
 from hpcinv.job.rules import wants_pressure
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh.source import Floats, Ints, MeshSource
+from hpcinv.physics.effects.elastic_foundation import ElasticFoundation
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.studies.second_opinion.calculix_deck import Deck, expected_path, expected_table
-from hpcinv.studies.second_opinion.loaded_body import WRITERS, Held, LoadedBody, Writers
+from hpcinv.studies.second_opinion.febio_fibres import FibreMaps
+from hpcinv.studies.second_opinion.febio_rigid import rigid_conditions, rigid_loads, rigid_materials
+from hpcinv.studies.second_opinion.febio_springs import springs_of
+from hpcinv.studies.second_opinion.febio_ties import Ties
+from hpcinv.studies.second_opinion.loaded_body import (
+    WRITERS,
+    Ability,
+    Held,
+    LoadedBody,
+    Writers,
+    add_foundation,
+)
 from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.uniform_values import is_uniform
 from hpcinv.studies.second_opinion.units import Units
 
+ABILITIES: tuple[Ability, ...] = ("slides", "remote", "vertices", "fibre fields")
 _BODY = "BODY"
 """name of the part and of the material of a body with one law"""
 _CURVE = """<LoadData>
@@ -73,24 +86,38 @@ def write_model(path: Path, body: LoadedBody, units: Units) -> Deck:
         for region in body.laws
     }
     nodes = np.unique(elements)
-    cards = list(_materials(body, units))
+    _refuse_conflicts(body)
+    ties = Ties(body)
+    held = [*body.held, *_determined(ties)]
+    maps = FibreMaps(body, parts, elements)
+    cards = list(_materials(body, maps, units))
+    first_rigid = len(cards) + 1
+    springs = springs_of(body, mesh, ties, int(mesh.node_tags.max()) + 1, units)
     system = f"<units>{_UNITS[units]}</units>" if units in _UNITS else ""
+    sets = [*maps.sets(mesh.cell_tags), *_node_sets(held, mesh, nodes), *springs.sets]
+    data, conditions = _held_lines(held, nodes, units)
+    data += maps.data()
+    conditions += [*ties.constraints(mesh.node_tags, nodes, units), *rigid_conditions(body, first_rigid)]
     lines = [
         *HEAD,
         f'<Module type="solid">{system}</Module>',
         _CONTROL,
         "<Material>",
         *(ET.tostring(card, encoding="unicode").strip() for card in cards),
+        *rigid_materials(body, first_rigid, units),
         "</Material>",
-        *mesh_lines(mesh, mesh.points / units.length, elements, parts),
+        *_mesh(mesh_lines(mesh, mesh.points / units.length, elements, parts), springs.nodes, sets),
         "<MeshDomains>",
-        *(
-            f'<SolidDomain name="{escape(name)}" mat="{escape(name)}" type="{_formulation(body, elements, card)}"/>'
-            for name, card in zip(parts, cards, strict=True)
-        ),
+        *_domains(body, parts, elements, cards),
         "</MeshDomains>",
-        *_supports(body, mesh, nodes, units),
+        *_section("MeshData", data),
+        "<Boundary>",
+        *conditions,
+        *springs.conditions,
+        "</Boundary>",
+        *rigid_loads(body, first_rigid, units),
         *_loads(body, units),
+        *_section("Discrete", springs.discrete),
         _CURVE,
         *_output(path),
         "</febio_spec>",
@@ -101,6 +128,47 @@ def write_model(path: Path, body: LoadedBody, units: Units) -> Deck:
     write_output(path, ("\n".join(lines) + "\n").encode(), advice)
     write_output(expected_path(path), expected_table(body, deck, units).encode(), advice)
     return deck
+
+
+def _section(name: str, lines: list[str]) -> Iterator[str]:
+    if lines:
+        yield from (f"<{name}>", *lines, f"</{name}>")
+
+
+def _mesh(lines: Iterator[str], nodes: list[str], sets: list[str]) -> Iterator[str]:
+    """Yield the lines of the mesh with further nodes and sets."""
+    for line in lines:
+        yield from nodes if line == "</Nodes>" else ()
+        yield from sets if line == "</Mesh>" else ()
+        yield line
+
+
+def _refuse_conflicts(body: LoadedBody) -> None:
+    """Raise ``OutputError`` for nodes of rigid bodies that something else holds: FEBio has no such constraint."""
+    for remote in body.remotes:
+        rigid = np.unique(body.rest.facets[remote.group.members])
+        others = [(held.place, held.nodes) for held in body.held]
+        others += [(slide.place, slide.nodes) for slide in body.slides]
+        others += [(f.place, np.unique(body.rest.facets[f.group.members])) for f in body.foundations]
+        others += [(r.place, np.unique(body.rest.facets[r.group.members])) for r in body.remotes if r is not remote]
+        if place := next((place for place, nodes in others if np.isin(nodes, rigid).any()), None):
+            text = f"{place}: shares nodes with the rigid region of {remote.place}, which FEBio cannot hold elsewhere"
+            raise OutputError(text, "Let the regions have no node in common.")
+
+
+def _determined(ties: Ties) -> Iterator[Held]:
+    """Yield the displacements that slides in several planes determine."""
+    for axis, nodes, values in ties.determined():
+        yield Held(f"slides-{AXES[axis]}", nodes, axis, values)
+
+
+def _domains(body: LoadedBody, parts: Iterable[str], elements: Ints, cards: Sequence[ET.Element]) -> Iterator[str]:
+    for name, card in zip(parts, cards, strict=True):
+        formulation = _formulation(body, elements, card)
+        yield f'<SolidDomain name="{escape(name)}" mat="{escape(name)}" type="{formulation}"/>'
+        if formulation == "elastic-solid" and wants_pressure(body.laws):
+            text = "FEBio has no element with a pressure for this material, and is too stiff there"
+            body.notes.append(f"material {name} ({card.get('type')}): {text}")
 
 
 def _formulation(body: LoadedBody, elements: Ints, card: ET.Element) -> str:
@@ -115,36 +183,51 @@ def _formulation(body: LoadedBody, elements: Ints, card: ET.Element) -> str:
     return "elastic-solid" if card.find("k") is None else "three-field-solid"
 
 
-def _materials(body: LoadedBody, units: Units) -> Iterator[ET.Element]:
+def _materials(body: LoadedBody, maps: FibreMaps, units: Units) -> Iterator[ET.Element]:
     for number, (region, law) in enumerate(body.laws.items(), 1):
+        name = region or _BODY
         try:
-            card = ET.fromstring(febio.write(Values(law, febio.PROGRAM, units.stress), region or _BODY))
+            text = febio.write(Values(law, febio.PROGRAM, units.stress), name, maps.of(name, law))
+            card = ET.fromstring(text)
         except JobError as error:
             raise OutputError(f"material: {error.problems[0]}", "Take a law that both programs have.") from None
         card.set("id", str(number))
         if body.density:
-            ET.SubElement(card, "density").text = repr(body.density / units.density)
+            ET.SubElement(card, "density").text = repr(body.density_of(region) / units.density)
         yield card
 
 
-def _supports(body: LoadedBody, mesh: MeshSource, nodes: Any, units: Units) -> Iterator[str]:
-    """Yield what is held; displacements that vary over a region are data at its nodes."""
+def _set_of(held: Held) -> str:
+    """Return the name of the node set of a region, or of nodes outside of regions."""
+    return held.region or f"{held.place}-nodes"
+
+
+def _node_sets(held: Sequence[Held], mesh: MeshSource, nodes: Ints) -> Iterator[str]:
+    """Yield the sets of held nodes outside of regions of facets."""
+    done = set[str]()
+    for entry in held:
+        if not entry.region and (name := _set_of(entry)) not in done:
+            done.add(name)
+            listed = ",".join(map(str, mesh.node_tags[entry.nodes[np.isin(entry.nodes, nodes)]].tolist()))
+            yield f'<NodeSet name="{escape(name)}">{listed}</NodeSet>'
+
+
+def _held_lines(held: Sequence[Held], nodes: Ints, units: Units) -> tuple[list[str], list[str]]:
+    """Return data and conditions of what is held; displacements that vary over a region are data at its nodes."""
     data, conditions = list[str](), list[str]()
-    for place, group in groupby(body.held, key=lambda held: held.place):
+    for place, group in groupby(held, key=lambda entry: entry.place):
         entries = list(group)
-        fixed = {held.axis for held in entries if not held.values.any()}
-        region = escape(entries[0].region)
+        fixed = {entry.axis for entry in entries if not entry.values.any()}
+        region = escape(_set_of(entries[0]))
         if fixed:
             dofs = "".join(f"<{axis}_dof>{int(i in fixed)}</{axis}_dof>" for i, axis in enumerate(AXES))
             conditions.append(f'<bc name="{place}" node_set="{region}" type="zero displacement">{dofs}</bc>')
-        for held in entries:
-            if held.axis not in fixed:
-                values = held.values[np.isin(held.nodes, nodes)] / units.length
-                data += _data(held, values)
-                conditions.append(_prescribed(held, values))
-    if data:
-        yield from ("<MeshData>", *data, "</MeshData>")
-    yield from ("<Boundary>", *conditions, "</Boundary>")
+        for entry in entries:
+            if entry.axis not in fixed:
+                values = entry.values[np.isin(entry.nodes, nodes)] / units.length
+                data += _data(entry, values)
+                conditions.append(_prescribed(entry, values))
+    return data, conditions
 
 
 def _name(held: Held) -> str:
@@ -154,7 +237,7 @@ def _name(held: Held) -> str:
 def _data(held: Held, values: Floats) -> Iterator[str]:
     if is_uniform(values):
         return
-    yield f'<NodeData name="{_name(held)}" node_set="{escape(held.region)}" data_type="scalar">'
+    yield f'<NodeData name="{_name(held)}" node_set="{escape(_set_of(held))}" data_type="scalar">'
     yield from (f'<node lid="{number}">{value!r}</node>' for number, value in enumerate(values.tolist(), 1))
     yield "</NodeData>"
 
@@ -162,7 +245,7 @@ def _data(held: Held, values: Floats) -> Iterator[str]:
 def _prescribed(held: Held, values: Floats) -> str:
     size = f">{float(values.mean())!r}" if is_uniform(values) else f' type="map">{_name(held)}'
     return (
-        f'<bc name="{_name(held)}" node_set="{escape(held.region)}" type="prescribed displacement">'
+        f'<bc name="{_name(held)}" node_set="{escape(_set_of(held))}" type="prescribed displacement">'
         f'<dof>{AXES[held.axis]}</dof><value lc="1"{size}</value><relative>0</relative></bc>'
     )
 
@@ -212,5 +295,10 @@ def _add_gravity(body: LoadedBody, effect: Any, place: str) -> str | None:
     return WRITERS[Gravity](body, effect, place)
 
 
-LOADS: Writers = {**WRITERS, Traction: _add_traction, Gravity: _add_gravity}
+LOADS: Writers = {
+    **WRITERS,
+    Traction: _add_traction,
+    Gravity: _add_gravity,
+    ElasticFoundation: add_foundation,
+}
 """What is written; every other effect is refused by its name."""

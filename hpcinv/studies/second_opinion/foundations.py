@@ -27,6 +27,17 @@ class Foundation:
     tangential: float
     is_current: bool
 
+    @property
+    def stiffnesses(self) -> list[float]:
+        """Stiffnesses per area (Pa/m) along the first axes of its points, as many as there are springs."""
+        return [self.normal, self.tangential, self.tangential] if self.tangential else [self.normal]
+
+    def axes(self, points: SpringPoints) -> Floats:
+        """Return the axes of the springs (q, 3, 3), as rows; equal springs have the axes of the coordinates."""
+        if self.normal == self.tangential:
+            return np.tile(np.eye(3), (len(points.points), 1, 1))
+        return points.axes
+
 
 @dataclass(frozen=True)
 class SpringPoints:

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hpcinv.base.quantity.spatial_fields import is_uniform
+from hpcinv.base.quantity.spatial_fields import Field, is_uniform
 from hpcinv.errors import OutputError
 from hpcinv.geometry.workshop.job_regions import with_job_regions, with_middles
-from hpcinv.geometry.workshop.run_shapes import DEFORMED, UNDEFORMED, left_out, read_shape, unchecked
+from hpcinv.geometry.workshop.run_shapes import left_out, unchecked
 from hpcinv.job.body_kinds import SOLID
 from hpcinv.job.job import Job
 from hpcinv.job.support import Support
@@ -25,13 +25,15 @@ from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.effects.pressure import Pressure
 from hpcinv.physics.effects.traction import Traction
 from hpcinv.physics.materials import MaterialLaw
-from hpcinv.studies.second_opinion.fibre_directions import constant_directions
+from hpcinv.studies.second_opinion.fibre_directions import constant_directions, directions_in_cells
 from hpcinv.studies.second_opinion.foundations import Foundation
 from hpcinv.studies.second_opinion.nodal_forces import cell_forces, facet_forces
 from hpcinv.studies.second_opinion.regions import group_of
 from hpcinv.studies.second_opinion.remote_regions import RemoteRegion, remote_region
 from hpcinv.studies.second_opinion.shell_parts import unwritten_of_shells
 from hpcinv.studies.second_opinion.slides import Slide, slide_of
+from hpcinv.studies.second_opinion.state_shapes import shapes_of, unwritten_of_other_states
+from hpcinv.studies.second_opinion.uniform_parts import CellValues, with_uniform_parts
 
 _ON_SURFACE = "held along the normals of the loaded body, by the displacement that the run found"
 
@@ -66,10 +68,13 @@ class LoadedBody:
         tractions: tractions (3,), Pa, by their facets, and whether they are per loaded area; for programs that have
             them, instead of ``forces``.
         fibres: unit vectors (3,) of families whose direction does not vary over the rest body, by their names.
+        fibre_fields: unit vectors of the other families on the rest body by their names, at the nodes of the cells
+            (cells, nodes, 3) or one in each cell (cells, 1, 3); for programs that have them.
         expansion: coefficient (1/K) and change of temperature (K) of the whole body; empty without one.
         quadrature: degree of the quadrature of the run.
         is_mixed: whether its pressure is an unknown.
-        density: of the rest body, kg/m³; 0 without weight.
+        density: of the rest body, kg/m³; 0 without weight. The largest of ``densities``, if there are some.
+        densities: of the rest body, kg/m³, by region as ``laws``; empty if it is the same everywhere.
         acceleration: (3,), m/s².
         notes: what a reader should know of how the job is said.
     """
@@ -87,10 +92,12 @@ class LoadedBody:
     pressures: list[tuple[Group, float]] = field(default_factory=list)
     tractions: list[tuple[Group, Floats, bool]] = field(default_factory=list)
     fibres: Mapping[str, Floats] = field(default_factory=dict)
+    fibre_fields: Mapping[str, Floats] = field(default_factory=dict)
     expansion: tuple[float, float] | tuple[()] = ()
     quadrature: int = 2
     is_mixed: bool = False
     density: float = 0.0
+    densities: Mapping[str, float] = field(default_factory=dict)
     acceleration: Floats = field(default_factory=lambda: np.zeros(3))
     notes: list[str] = field(default_factory=list)
 
@@ -99,18 +106,25 @@ class LoadedBody:
         """Displacement (n, 3) from the rest shape, m."""
         return self.loaded - self.rest.points
 
+    def density_of(self, region: str) -> float:
+        """Return the density of a region of ``laws``, kg/m³."""
+        return self.densities.get(region, self.density)
+
 
 type Writers = Mapping[type[Effect], Callable[[LoadedBody, Any, str], str | None]]
-type Ability = Literal["slides", "remote", "shell", "vertices"]
+type Ability = Literal["slides", "remote", "shell", "vertices", "fibre fields"]
 """parts of a body that not every program has"""
 
 
-def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection[Ability] = ()) -> LoadedBody:
+def loaded_body(
+    run: Path, writers: Writers | None = None, abilities: Collection[Ability] = (), state: str | None = None
+) -> LoadedBody:
     """Return the body of a finished run.
 
     Args:
         writers: as of `add_loads`.
         abilities: of the program; what needs others is refused.
+        state: to load, of a job with states; empty for the given one.
 
     Raises:
         OutputError: it is not finished, its files lack nodes of the computed body, or it has what no deck can say; with
@@ -118,20 +132,24 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
     """
     doubt = unchecked(run)
     job = RunDirectory(run).job(None)
-    _refuse(run, _kinds_without_deck(job, abilities))
-    rest, loaded = read_shape(run, UNDEFORMED), read_shape(run, DEFORMED)
+    _refuse(run, _kinds_without_deck(job, abilities, has_states=state is not None))
+    job, rest, loaded, given = shapes_of(run, job, state or "")
+    _refuse(run, unwritten_of_other_states(job, is_given=given is rest or given is loaded))
     if rest.degree < job.discretisation.displacement or max(left_out(run, rest), left_out(run, loaded)) > 0:
         raise OutputError(
             f"{run}: its files have fewer nodes than the computed body",
             "Run it with 'mesh: {geometry_degree: 2}', or with 'discretisation: {displacement: 1}'.",
         )
-    rest, vertices = with_job_regions(rest, loaded if job.directions[0] == "inverse" else rest, job)
+    rest, vertices = with_job_regions(rest, given, job)
     laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
-    for region in filter(None, laws):
-        group_of(rest, region, 3)
+    density = _varying_density(run, job.effects)
+    rest, laws, densities = with_uniform_parts(laws, density, CellValues(rest, given.data, job))
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
-    body.vertices = vertices
+    body.densities, body.vertices = densities, vertices
     body.fibres = dict(constant_directions(job.fibres))
+    if "fibre fields" in abilities:
+        fields = directions_in_cells(job, rest, loaded)
+        body.fibre_fields = {name: vectors for name, vectors in fields if name not in body.fibres}
     body.is_mixed, spaces = job.is_mixed, job.discretisation
     body.quadrature = spaces.quadrature or default_quadrature(rest.kind, spaces.displacement)
     faults = [*_supports(body, job, abilities), *add_loads(body, job.effects, writers)]
@@ -140,15 +158,24 @@ def loaded_body(run: Path, writers: Writers | None = None, abilities: Collection
     return body
 
 
+def _varying_density(run: Path, effects: Iterable[Effect]) -> Field | None:
+    """Return the density of gravity that varies over the body, if one does; refuse a second gravity next to it."""
+    densities = [effect.density for effect in effects if isinstance(effect, Gravity)]
+    varying = [density for density in densities if isinstance(density, Field)]
+    if varying and len(densities) > 1:
+        _refuse(run, ["effects: a material has one density, and several effects 'gravity' have one each"])
+    return varying[0] if varying else None
+
+
 def _refuse(run: Path, faults: Iterable[str]) -> None:
     if lines := list(faults):
         text = "\n".join(f"  {line}" for line in lines)
         raise OutputError(f"{run}: a deck cannot say:\n{text}", "Solve a job without it, and export that.")
 
 
-def _kinds_without_deck(job: Job, abilities: Collection[Ability]) -> Iterator[str]:
+def _kinds_without_deck(job: Job, abilities: Collection[Ability], *, has_states: bool) -> Iterator[str]:
     """Yield what is not written for any program yet, and kinds of bodies that a program lacks."""
-    if job.states:
+    if job.states and not has_states:
         yield "states: a deck has one state"
     kind = job.mesh.kind.name
     if kind in (SOLID.name, *abilities):
@@ -211,7 +238,10 @@ def add_loads(body: LoadedBody, effects: Iterable[Effect], writers: Writers | No
         place, write = f"effects[{number}]", (WRITERS if writers is None else writers).get(type(effect))
         if write is None:
             yield f"{place}: '{effect.effect}' has no counterpart"  # type: ignore[attr-defined]
-        elif not all(is_uniform(value) for value, _ in effect.quantities().values()) or effect.is_unknown:
+        elif effect.is_unknown or not all(
+            is_uniform(value) or (name == "density" and body.densities)
+            for name, (value, _) in effect.quantities().items()
+        ):
             yield f"{place}: '{effect.effect}' has a number that varies, or that the run found"  # type: ignore[attr-defined]
         elif reason := write(body, effect, place):
             yield f"{place}: {reason}"
@@ -229,15 +259,20 @@ def _add_traction(body: LoadedBody, effect: Any, place: str) -> None:
         body.notes.append(f"{place}: forces at the nodes, of the loaded area; they do not follow the deformation")
 
 
-def _add_gravity(body: LoadedBody, effect: Any, place: str) -> None:
+def _add_gravity(body: LoadedBody, effect: Any, place: str) -> str | None:
     acceleration = np.array(effect.acceleration, dtype=np.float64)
     if effect.density_in == "reference":
-        if density := float(effect.density):
+        if body.densities:
+            body.density, body.acceleration = max(body.densities.values()), acceleration
+        elif density := float(effect.density):
             body.density = body.density or density  # a material has one
             body.acceleration += density / body.density * acceleration
+    elif body.densities:
+        return "'gravity' per deformed volume has a density that varies"
     else:
         body.forces += cell_forces(body.rest, body.loaded, float(effect.density) * acceleration)
         body.notes.append(f"{place}: forces at the nodes, of the density in the loaded body")
+    return None
 
 
 def add_foundation(body: LoadedBody, effect: Any, place: str) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,10 +43,10 @@ def with_elements(
     if reason := _not_comparable(job, body, element):
         return None, reason
     try:
-        with _forward_job(job, body) as (forward, directory):
+        with _forward_job(job, body, slides=element not in _OF_20_NODES) as (forward, directory):
             if element in _OF_20_NODES:
-                starts = (body.loaded, theirs)
-                found = (equilibrium_near(forward, body.rest, start, has_20_nodes=True) for start in starts)
+                near = partial(equilibrium_near, forward, body.rest, slides=body.slides, has_20_nodes=True)
+                found = (near(start) for start in (body.loaded, theirs))
                 places = next((places for places in found if places is not None), None)
                 return places, "" if places is not None else "Newton's iteration with 20 nodes fails"
             run_job(forward, MPI.COMM_SELF, directory=directory / "run", progress=False)
@@ -59,18 +60,23 @@ def equilibrium_of(job: Job, body: LoadedBody, program: Program, element: str, t
 
     ``None`` if there is none, or if that is not known. Arguments as of `with_elements`.
     """
-    if _unlike(job, body, program, element) or _not_comparable(job, body, element) or body.slides or body.remotes:
+    if _unlike(job, body, program, element) or _not_comparable(job, body, element) or body.remotes:
         return None
     try:
-        with _forward_job(job, body) as (forward, _):
-            return equilibrium_near(forward, body.rest, theirs, has_20_nodes=element in _OF_20_NODES)
+        with _forward_job(job, body, slides=False) as (forward, _):
+            is_edges = element in _OF_20_NODES
+            return equilibrium_near(forward, body.rest, theirs, slides=body.slides, has_20_nodes=is_edges)
     except HpcinvError:
         return None
 
 
 @contextmanager
-def _forward_job(job: Job, body: LoadedBody) -> Iterator[tuple[Job, Path]]:
-    """Yield the job that loads the rest shape without unknown pressure, and a directory while it is needed."""
+def _forward_job(job: Job, body: LoadedBody, *, slides: bool) -> Iterator[tuple[Job, Path]]:
+    """Yield the job that loads the rest shape without unknown pressure, and a directory while it is needed.
+
+    Args:
+        slides: whether it has the oblique slides of the body.
+    """
     degree = job.discretisation.displacement
     changes: dict[str, Any] = {
         "analysis": "forward",
@@ -83,8 +89,19 @@ def _forward_job(job: Job, body: LoadedBody) -> Iterator[tuple[Job, Path]]:
         save(file, body.rest, body.rest.points)
         mesh = {"file": str(file), "geometry_degree": degree}
         kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
+        if body.slides and not slides:
+            kept["supports"] = list(_without_slides(kept["supports"], {slide.place for slide in body.slides}))
         points = {name: {"vertices": body.rest.points[rows].tolist()} for name, rows in body.vertices.items()}
         yield load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve("")), Path(directory)
+
+
+def _without_slides(supports: Sequence[Mapping[str, Any]], places: Collection[str]) -> Iterator[dict[str, Any]]:
+    """Yield what supports hold along axes."""
+    for number, support in enumerate(supports):
+        if f"supports[{number}]" not in places:
+            yield dict(support)
+        elif axes := [axis for axis in support["fix"] if axis != "normal"]:
+            yield {"region": support["region"], "fix": axes}
 
 
 def _unlike(job: Job, body: LoadedBody, program: Program, element: str) -> str:
@@ -102,6 +119,6 @@ def _not_comparable(job: Job, body: LoadedBody, element: str) -> str:
         return "a support moves, as formulas and motions on the given body say"
     if any(slide.plane_normal is None for slide in body.slides):
         return "a support slides on a curved face, whose normals are of the given body"
-    if element in _OF_20_NODES and (body.slides or body.remotes):
-        return "a support is not along an axis, and ours have 27 nodes"
+    if element in _OF_20_NODES and body.remotes:
+        return "a region is rigid, and ours have 27 nodes"
     return ""
