@@ -150,8 +150,10 @@ def test_a_job_keeps_its_results_where_no_program_can_be_asked(tmp_path: Path, m
 
 @needs_calculix
 def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(tmp_path: Path) -> None:
+    """With a rigid face, whose point our forward run has at another place than the given body."""
     spaces = {"displacement": 2, "formulation": "mixed"}
     law = BODY["material"] | {"kappa": 1e6}
+    remote = {"force": [0.02, 0, 0], "moment": [0, 1e-3, 0], "about": [0.05, 0.05, 0.25]}
     loads = [*BODY["effects"], {"effect": "pressure", "region": "side", "pressure": 50}]
     run = solved(
         tmp_path,
@@ -160,6 +162,7 @@ def test_stiff_elements_explain_the_difference_of_a_body_with_unknown_pressure(t
         discretisation=spaces,
         material=law,
         effects=loads,
+        supports=[*BODY["supports"], {"region": "z1", "remote": remote}],
     )
     opinion = second_opinion(run, None, 120)
     assert opinion.by_elements is not None

@@ -89,10 +89,20 @@ def _forward_job(job: Job, body: LoadedBody, *, slides: bool) -> Iterator[tuple[
         save(file, body.rest, body.rest.points)
         mesh = {"file": str(file), "geometry_degree": degree}
         kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
+        if body.remotes:
+            kept["supports"] = list(_with_points_at_rest(kept["supports"], body))
         if body.slides and not slides:
             kept["supports"] = list(_without_slides(kept["supports"], {slide.place for slide in body.slides}))
         points = {name: {"vertices": body.rest.points[rows].tolist()} for name, rows in body.vertices.items()}
         yield load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve("")), Path(directory)
+
+
+def _with_points_at_rest(supports: Sequence[Mapping[str, Any]], body: LoadedBody) -> Iterator[Mapping[str, Any]]:
+    """Yield supports whose remote loads have the place of their point in the rest body."""
+    points = {remote.place: remote.point.tolist() for remote in body.remotes}
+    for number, support in enumerate(supports):
+        about = points.get(f"supports[{number}]")
+        yield support if about is None else {**support, "remote": {**support["remote"], "about": about}}
 
 
 def _without_slides(supports: Sequence[Mapping[str, Any]], places: Collection[str]) -> Iterator[dict[str, Any]]:
@@ -115,7 +125,7 @@ def _unlike(job: Job, body: LoadedBody, program: Program, element: str) -> str:
 
 def _not_comparable(job: Job, body: LoadedBody, element: str) -> str:
     """Return why the forward run would have other supports than the deck; empty if it has the same."""
-    if any(support.moves for support in job.supports):
+    if any(support.moves and support.remote is None for support in job.supports):
         return "a support moves, as formulas and motions on the given body say"
     if any(slide.plane_normal is None for slide in body.slides):
         return "a support slides on a curved face, whose normals are of the given body"
