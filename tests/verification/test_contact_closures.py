@@ -67,12 +67,18 @@ def test_certificate_judges_gaps_pressures_and_forces(comm: MPI.Intracomm) -> No
 def test_bodies_with_too_much_pressure_overlap_unloaded(comm: MPI.Intracomm) -> None:
     """Unloaded bodies that were to be 2 cm into each other; the certificate finds where.
 
-    An error of the given gaps by 0.5 mm changes them as much as a gap that is wanted to be 0.5 mm wider.
+    The interval holds bodies that do not overlap, and says that these are not among them. An error of the given gaps
+    by 0.5 mm changes them as much as a gap that is wanted to be 0.5 mm wider.
     """
     contact = {"closure": "gap", "touches_within": 5e-4}
-    result = solved(comm, contact | {"rest_gap": -0.02}, analysis="inverse", certificate={"level": "quick"})
+    checked: dict[str, Any] = {"certificate": {"level": "quick"}, "uncertainty": "contact"}
+    result = solved(comm, contact | {"rest_gap": -0.02}, analysis="inverse", **checked)
     assert result.certificate is not None
     lines = {line.name: line for line in result.certificate.lines}
+    interval = lines["interval of 'gap' over all contact pressures that the shape admits"]
+    assert interval.interval is not None
+    assert result.quantities["gap"] < interval.interval["low"]
+    assert "lies outside" in interval.note
     overlap = lines["overlap of the unloaded bodies at 'bottom'"]
     assert overlap.verdict is Verdict.WARN
     assert overlap.value == pytest.approx(0.02, rel=0.1)

@@ -29,6 +29,7 @@ ADMISSIBLE = topic(
     thresholds="where there is none; never",
 )
 _LOCKED = "; friction locks the bodies: within the cone, tractions of any size balance each other"
+_OUTSIDE = "; that of the computed bodies lies outside: unloaded, they overlap, or contradict what is 'known'"
 _UNBOUNDED = "; what is 'known' of the contact cannot bound it: measure a state of the bodies without contact"
 
 
@@ -66,7 +67,7 @@ class ContactIntervalCheck(Check):
             about = INTERVAL.placed("shape")
             yield Line(about, found.distance, "m", "distance; no threshold", Verdict.PASS, note)
         if found.width is not None:
-            yield _width_line(found.width)
+            yield _width_line(found)
 
 
 def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
@@ -78,12 +79,15 @@ def _unbalanced(factor: float, interfaces: Sequence[Interface]) -> Line:
     return Line(ADMISSIBLE, None, "", "warning if there is none", Verdict.WARN, note)
 
 
-def _width_line(width: Any) -> Line:
-    """Return the line of a `ShapeWidth` (`hpcinv.trust.intervals.shape_width`)."""
+def _width_line(found: Any) -> Line:
+    """Return the line of the width of the positions of nodes, one of `ContactIntervals`."""
+    width = found.width
     about = INTERVAL.placed("position of a node")
     rule = "largest half width; no threshold"
     if width.unbounded:
-        note = "some nodes have no end: pressures grow without bound"
+        endless = [interval for interval in found.intervals if interval.low is None or interval.high is None]
+        note = "some nodes have no end"
+        note += f", as '{endless[0].name}' has none" if endless else ": pressures grow without bound"
         return Line(about, None, "m", rule, Verdict.UNDECIDED, note)
     place = ", ".join(f"{x:.4g}" for x in width.place)
     note = (
@@ -106,11 +110,18 @@ def _line(found: Any, all_found: Any) -> Line:
         remedies = " or ".join(f"'{key}'" for key in found.remedies)
         note += f"; a known {remedies} would bound it" if remedies else _UNBOUNDED
     note += "" if found.has_settled else "; an end has not settled"
+    note += _OUTSIDE if _is_outside(found) else ""
     verdict = Verdict.PASS if width is not None and found.has_settled else Verdict.UNDECIDED
     data = {"of": found.name, "low": found.low, "high": found.high, "unit": found.unit}
     data |= {"by": "contact pressures", "pressures": count, "solves": found.solves}
     about = INTERVAL.placed(found.name)
     return Line(about, width, found.unit, "width; no threshold", verdict, note, interval=data)
+
+
+def _is_outside(found: Any) -> bool:
+    """Return whether the value of the computed bodies lies outside by more than a thousandth of the larger one."""
+    ends = ((end, sign) for end, sign in ((found.low, -1.0), (found.high, 1.0)) if end is not None)
+    return any(sign * (found.value - end) > 1e-3 * max(abs(found.value), abs(end)) for end, sign in ends)
 
 
 def _end(value: float | None, unit: str, zero: float) -> str:
