@@ -19,7 +19,7 @@ from hpcinv.base.quantity.quantity import (
     quantities_of,
 )
 from hpcinv.base.quantity.schema import Spec, Triple
-from hpcinv.base.quantity.units import Dimension, parse_quantity
+from hpcinv.base.quantity.units import Dimension, parse_quantity, readable
 from hpcinv.base.quantity.written_units import as_shown, written_units
 from hpcinv.physics.effects.gravity import Gravity
 from hpcinv.physics.materials.mooney_rivlin import MooneyRivlin
@@ -191,3 +191,11 @@ def test_values_are_shown_in_the_units_of_a_job() -> None:
     assert as_shown(None, "m", units) == "not finite"
     assert as_shown(0.07, "m", {}) == "70 mm"
     assert written_units({"material": {"mu": 20000.0}}) == {}
+
+
+@pytest.mark.parametrize("unit", ["m", "m^3", "kg", "N", "Pa"])
+def test_readable_values_are_what_they_say(unit: str) -> None:
+    for power in range(-20, 13):
+        value, dimension = parse_quantity(readable(3 * 10.0**power, unit))
+        assert value == pytest.approx(3 * 10.0**power, rel=1e-12)
+        assert dimension == parse_quantity(f"1 {unit}")[1]

@@ -152,11 +152,11 @@ def test_cells_turn_to_one_side(sheet: Path) -> None:
 
 
 def test_closed_surfaces_have_their_outer_face_outside() -> None:
-    """A sphere of six patches: the volume of its wall is that between two spheres."""
-    surface = _sphere(4)
-    thick = thicken(surface, THIN)
+    """A sphere of six patches, far from the origin: the volume of its wall is that between two spheres."""
+    surface, centre = _sphere(4), np.array([5.0, 0, 0])
+    thick = thicken(replace(surface, points=surface.points + centre), THIN)
     outer = next(group for group in thick.groups if group.name == "outer")
-    assert np.linalg.norm(thick.points[thick.facets[outer.members]], axis=2) == pytest.approx(1.05, abs=3e-3)
+    assert np.linalg.norm(thick.points[thick.facets[outer.members]] - centre, axis=2) == pytest.approx(1.05, abs=3e-3)
     assert body(thick).sum() == pytest.approx(4 / 3 * np.pi * (1.05**3 - 0.95**3), rel=5e-3)
 
 
