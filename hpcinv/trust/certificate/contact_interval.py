@@ -29,7 +29,7 @@ ADMISSIBLE = topic(
     thresholds="where there is none; never",
 )
 _LOCKED = "; friction locks the bodies: within the cone, tractions of any size balance each other"
-_OUTSIDE = "; that of the computed bodies lies outside: unloaded, they overlap, or contradict what is 'known'"
+_OUTSIDE = "; the computed value lies outside: these unloaded bodies overlap, or contradict what is 'known'"
 _UNBOUNDED = "; what is 'known' of the contact cannot bound it: measure a state of the bodies without contact"
 
 
