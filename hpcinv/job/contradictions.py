@@ -68,7 +68,8 @@ def _loading(job: Any) -> Faults:
 
 
 def _spaces(job: Any) -> Faults:
-    yield from rules.below(("discretisation",), rules.unsuited(job.discretisation, job.laws))
+    would_lock = job.discretisation.formulation == "auto" and job.wants_pressure
+    yield from rules.below(("discretisation",), rules.unsuited(job.discretisation, job.laws, would_lock=would_lock))
 
 
 def _quantities(job: Any) -> Faults:

@@ -376,8 +376,13 @@ class Job(Spec):
     def is_mixed(self) -> bool:
         """True if the pressure is an unknown."""
         return self.discretisation.formulation == "mixed" or (
-            self.discretisation.formulation == "auto" and rules.wants_pressure(self.laws)
+            self.discretisation.formulation == "auto" and self.wants_pressure
         )
+
+    @property
+    def wants_pressure(self) -> bool:
+        """True if the displacement form would lock, and the pressure can be an unknown."""
+        return rules.wants_pressure(self.laws)
 
     @property
     def pressure_degree(self) -> int | None:

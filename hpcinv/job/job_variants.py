@@ -1,13 +1,12 @@
 """Jobs that differ from one job in some sections: what they have in common is read once."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
-
-from hpcinv.base.quantity.schema import Faults, Spec
+from hpcinv.base.quantity.schema import Faults
 from hpcinv.job.contradictions import CONTRADICTIONS
 from hpcinv.job.fingerprint import content_key
 from hpcinv.job.job import SECTIONS, Job, keep_source, parse, unknown_references
@@ -16,21 +15,20 @@ from hpcinv.job.region_references import REFERENCES, References
 from hpcinv.job.resolved_job import SectionData
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.section_memo import SectionMemo
+from hpcinv.job.varied_part import ReadWhole, copied, has_parts, is_read_alone, reader, varied
 
 
 class _Template(NamedTuple):
-    """A content that was read, its sections before what follows from several, and what they were read with.
+    """The last content that was read, its sections before what follows from several, and what they were read with.
 
     Attributes:
         following: memory of what follows from several sections.
-        faults: memory of the faults of jobs.
     """
 
     content: Mapping[str, Any]
     sections: Job
     context: Mapping[str, Any]
     following: SectionMemo
-    faults: SectionMemo
 
 
 class JobVariants:
@@ -54,14 +52,17 @@ class JobVariants:
         Raises:
             JobError: as of `hpcinv.job.job.parse`.
         """
-        template = self._templates.get(frozenset(content))
-        if template is not None and (job := self._varied(template, content)) is not None:
+        names = frozenset(content)
+        template = self._templates.get(names)
+        if template is not None and (read := self._varied(template, content)) is not None:
+            job, sections = read
+            self._templates[names] = template._replace(content=content, sections=sections)
             return job
         context: dict[str, Any] = {}
         job = parse(content, self.path, untrusted=self.untrusted, context=context)
         sections = context.pop(SECTIONS)
         keep_source(sections, self.path, content, untrusted=self.untrusted)
-        self._templates[frozenset(content)] = _Template(content, sections, context, SectionMemo(), SectionMemo())
+        self._templates[names] = _Template(content, sections, context, SectionMemo())
         return job
 
     def identity(self, job: Job) -> tuple[str, str, tuple[float, ...], Path]:
@@ -70,24 +71,26 @@ class JobVariants:
         home = known.memo.of("home", lambda job: job.resolve(job.mesh.file).absolute().parent, job)
         return content_key(job, known), reuse_group_of(job, known), numbers_of(job, known), home
 
-    def _varied(self, template: _Template, content: Mapping[str, Any]) -> Job | None:
-        """Return the job of a content, or ``None`` if all of it must be read: it has a fault, which `parse` names, or
-        another section depends on what differs.
+    def _varied(self, template: _Template, content: Mapping[str, Any]) -> tuple[Job, Job] | None:
+        """Return the job of a content, and its sections before what follows from several.
+
+        Return ``None`` if all of it must be read: it has a fault, which `parse` names, or another section depends on
+        what differs.
         """
         changed = [key for key, value in content.items() if value is not template.content[key]]
         if not all(map(_is_read_alone, changed)):
             return None
         context = {**template.context}
         try:
-            read = {key: _reader(key).validate_python(content[key], context=context) for key in changed}
-            job = template.sections.model_copy(update=read)
+            read = {key: _varied_section(template, key, content, context) for key in changed}
+            job = sections = copied(template.sections, read)
             if following := template.following.of("following", Job._following_sections, job):
-                job = job.model_copy(update=following)
+                job = copied(job, following)
             job._data = content
-            has_faults = any(template.faults.each_of(_CHECKS, job))
+            has_faults = any(self._known.memo.each_of(_CHECKS, job))
         except Exception:  # of a plugin, too
             return None
-        return None if has_faults else job
+        return None if has_faults else (job, sections)
 
 
 def _has_any(faults: Callable[[Job], Faults], job: Job) -> bool:
@@ -106,19 +109,13 @@ _CHECKS = (
 
 @cache
 def _is_read_alone(section: str) -> bool:
-    """Return whether the type of a section is all that is needed to read it, and no other one depends on it then."""
-    validators = Job.__pydantic_decorators__.field_validators.values()
-    has_own = any(section in validator.info.fields for validator in validators)
-    return section in Job.model_fields and section not in Preamble.model_fields and not has_own
+    """Return whether a section can be read without others, and defines nothing for them."""
+    return section not in Preamble.model_fields and is_read_alone(Job, section)
 
 
-@cache
-def _reader(section: str) -> TypeAdapter[Any]:
-    field = Job.model_fields[section]
-    kind: Any = field.annotation
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return TypeAdapter(kind)
-    return TypeAdapter(Annotated[kind, *field.metadata] if field.metadata else kind, config=_STRICT)
-
-
-_STRICT = ConfigDict(strict=Spec.model_config["strict"], allow_inf_nan=Spec.model_config["allow_inf_nan"])
+def _varied_section(template: _Template, name: str, content: Mapping[str, Any], context: dict[str, Any]) -> Any:
+    """Return a section of another content; of a section with parts, only the values are read that differ."""
+    if has_parts(Job, name):
+        with suppress(ReadWhole):
+            return varied(getattr(template.sections, name), template.content[name], content[name], context)
+    return reader(Job, name).validate_python(content[name], context=context)

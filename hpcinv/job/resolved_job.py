@@ -217,12 +217,12 @@ def _replace_files(part: Any, data: Any, content_of: Callable[[str], str]) -> No
     """Replace the paths of files in the data of a part of a job by their content."""
     match part:
         case Spec():
-            kind = type(part)
-            for name in data.keys() & kind.model_fields.keys():
-                if _is_file(kind, name):
-                    data[name] = _contents(data[name], content_of)
-                elif not isinstance(value := getattr(part, name), float | str):
-                    _replace_files(value, data[name], content_of)
+            files = _files_of(type(part))
+            for name, entry in data.items():
+                if name in files:
+                    data[name] = _contents(entry, content_of)
+                elif isinstance(entry, dict | list):
+                    _replace_files(getattr(part, name, None), entry, content_of)
         case Mapping():
             for name, entry in part.items():
                 if name in data:
@@ -248,6 +248,12 @@ def _contents(paths: Any, content_of: Callable[[str], str]) -> Any:
 def _is_file(kind: type[Spec], name: str) -> bool:
     field = kind.model_fields[name]
     return metadata_in(NamesFile, field.annotation, *field.metadata) is not None
+
+
+@cache
+def _files_of(kind: type[Spec]) -> frozenset[str]:
+    """Return the fields of a part that are paths of files."""
+    return frozenset(name for name in kind.model_fields if _is_file(kind, name))
 
 
 def without(name: str, entry: Any, left_out: Container[str]) -> Any:

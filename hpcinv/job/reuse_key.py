@@ -50,7 +50,8 @@ def reuse_group_of(job: Job, known: SectionData | None = None) -> str:
     Args:
         known: data of sections of earlier jobs of the same file.
     """
-    return hash_of_text((known or SectionData()).joined(job, _GROUP))
+    known = known or SectionData()
+    return known.memo.of("reuse group", lambda job: hash_of_text(known.joined(job, _GROUP)), job)
 
 
 def digests_of_structure(job: Job, known: SectionData | None = None) -> dict[str, str]:
@@ -141,7 +142,11 @@ _NUMBERS = (_numbers_of_laws, _numbers_of_effects, _numbers_of_fibres, _numbers_
 
 def _numbers_of_ingredient(ingredient: Ingredient) -> Iterator[float]:
     for name, (value, _) in ingredient.quantities().items():
-        if not name.startswith("_"):
+        if name.startswith("_"):
+            continue
+        if isinstance(value, float) and math.isfinite(value):
+            yield float(value)
+        else:
             yield from _numbers(value)
 
 
@@ -190,7 +195,7 @@ def _marked(value: Any) -> Any:
         return [_marked(entry) for entry in value]
     if isinstance(value, Field):
         return [value.plain(with_definitions=True), sorted(value.numbers)]
-    return value if value is None or value == math.inf else _NUMBER
+    return value if value is None or math.isinf(value) else _NUMBER
 
 
 def _numbers(value: Any) -> Iterator[float]:

@@ -33,8 +33,12 @@ def wants_pressure(laws: Mapping[str, MaterialLaw]) -> bool:
     return nearly_incompressible and all(law.is_split for law in laws.values())
 
 
-def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) -> Faults:
-    """Faults of spaces that are not suitable for the material."""
+def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw], *, would_lock: bool) -> Faults:
+    """Faults of spaces that are not suitable for the material.
+
+    Args:
+        would_lock: whether the formulation is chosen here, and the displacement form would lock (`wants_pressure`).
+    """
     chosen = discretisation.formulation
     whole = [where for where, law in laws.items() if not law.is_split]
     is_incompressible = any(law.is_incompressible for law in laws.values())
@@ -45,14 +49,14 @@ def unsuited(discretisation: Discretisation, laws: Mapping[str, MaterialLaw]) ->
         yield (), f"must be mixed for the incompressible law, but {whole[0]} cannot be: give it kappa"
     elif chosen == "displacement" and is_incompressible:
         yield ("formulation",), "must be mixed (or auto), since the material is incompressible"
-    elif chosen == "auto" and wants_pressure(laws) and discretisation.displacement == 1:
+    elif would_lock and discretisation.displacement == 1:
         text = (
             "must be 2 or more: the material is nearly incompressible, and the mixed form has no stable pressure "
             "at 1 (or state 'formulation: displacement')"
         )
         yield ("displacement",), text
-    elif chosen == "auto" and not whole and not wants_pressure(laws):
-        varying = [where for where, law in laws.items() if law.stiffness_ratio is None][:1]
+    elif chosen == "auto" and not whole and not would_lock:
+        varying = [where for where, law in laws.items() if law.varies_freely][:1]
         text = "must be stated, displacement or mixed, since the moduli of {} vary over the body"
         yield from ((("formulation",), text.format(where)) for where in varying)
 

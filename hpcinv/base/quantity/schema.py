@@ -163,8 +163,13 @@ class Spec(BaseModel):
         return self
 
     def _contradictions(self, info: ValidationInfo) -> Faults:
-        """Yield faults between fields that are valid by themselves."""
+        """Yield faults between fields that are valid by themselves; of ``info``, only the context may be read."""
         yield from ()
+
+    @classmethod
+    def is_read_by_fields(cls, data: Mapping[str, Any]) -> bool:
+        """Return whether each field follows from its own entry in ``data`` alone, and nothing follows from several."""
+        return has_validators(cls, "_validate")
 
     @model_validator(mode="wrap")
     @classmethod
@@ -173,7 +178,7 @@ class Spec(BaseModel):
         if isinstance(data, Mapping) and "on" in cls.model_fields:
             raise_if_any(_keys_of_yaml_1_1(data))
         try:
-            part = handler(_evaluated_constants(cls, data))
+            part = handler(evaluated_constants(cls, data))
         except ValidationError as error:
             # A file that two fields have is refused once.
             faults = dict.fromkeys((cls._place_written(place, data), text) for place, text in problems_in(error, cls))
@@ -186,6 +191,12 @@ class Spec(BaseModel):
             part = part._completed(info)
         raise_if_any((cls._place_written(place, data), text) for place, text in part._contradictions(info))
         return part
+
+
+@cache
+def has_validators(kind: type[Spec], *names: str) -> bool:
+    """Return whether a part has these validators of all its data, and no values that follow from several fields."""
+    return kind._completed is Spec._completed and {*kind.__pydantic_decorators__.model_validators} == {*names}
 
 
 def _keys_of_yaml_1_1(data: Mapping[Any, Any]) -> Iterator[tuple[KeyPath, str]]:
@@ -222,7 +233,7 @@ def _union(annotation: Any) -> Iterator[Any]:
         yield annotation
 
 
-def _evaluated_constants(kind: type[Spec], data: Any) -> Any:
+def evaluated_constants(kind: type[Spec], data: Any) -> Any:
     """Data of a part of a job with the values of arithmetic, such as ``1/3``, in its plain numbers."""
     if not isinstance(data, Mapping):
         return data

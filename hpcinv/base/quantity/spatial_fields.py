@@ -208,9 +208,9 @@ def is_uniform(value: object) -> bool:
 
 def fields_in(value: object) -> list[Field]:
     """Return the fields in a quantity, a vector or a tensor."""
-    if isinstance(value, float):
-        return []
-    return [entry for entry in entries(value) if isinstance(entry, Field)]
+    if isinstance(value, tuple):
+        return [field for part in value if not isinstance(part, float) for field in fields_in(part)]
+    return [value] if isinstance(value, Field) else []
 
 
 def in_each_region(value: Any) -> Iterator[tuple[str, Any]]:
@@ -218,10 +218,14 @@ def in_each_region(value: Any) -> Iterator[tuple[str, Any]]:
 
     If they are uniform, the name of the region is empty. Regions in which one of them has no value are left out.
     """
-    fields = [field for field in fields_in(value) if isinstance(field, ByRegion)]
-    if len(fields) == len(fields_in(value)):
-        for region in dict.fromkeys(name for field in fields for name in field.numbers) or [""]:
-            if all(field.value_in(region) is not None for field in fields):
+    fields = fields_in(value)
+    if not fields:
+        yield "", value
+        return
+    regional = [field for field in fields if isinstance(field, ByRegion)]
+    if len(regional) == len(fields):
+        for region in dict.fromkeys(name for field in regional for name in field.numbers) or [""]:
+            if all(field.value_in(region) is not None for field in regional):
                 yield region, _value_in(region, value)
 
 

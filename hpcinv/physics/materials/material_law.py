@@ -13,7 +13,7 @@ from pydantic import ConfigDict, ModelWrapValidatorHandler, PrivateAttr, Validat
 
 from hpcinv.base.quantity.component import Ingredient
 from hpcinv.base.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.base.quantity.schema import Faults, KeyPath, Problems
+from hpcinv.base.quantity.schema import Faults, KeyPath, Problems, has_validators
 from hpcinv.base.quantity.spatial_fields import in_each_region, is_uniform
 from hpcinv.base.quantity.units import Dimension, parse_unit
 from hpcinv.physics.materials.formula_law.evaluation import evaluate_of_any_parameters
@@ -138,7 +138,7 @@ class MaterialLaw(Ingredient):
     @property
     def is_incompressible(self) -> bool:
         """True if the volume cannot change."""
-        return any(value == math.inf for value, _ in self.quantities().values())
+        return any(isinstance(value, float) and math.isinf(value) for value, _ in self.quantities().values())
 
     @property
     def stiffness_ratio(self) -> float | None:
@@ -146,6 +146,11 @@ class MaterialLaw(Ingredient):
         if self.is_incompressible:
             return math.inf
         return max((self.bulk_modulus(par) / self.shear_modulus(par) for par in self.cases()), default=None)
+
+    @property
+    def varies_freely(self) -> bool:
+        """True if its moduli depend on fields of the mesh, so that they have no `stiffness_ratio`."""
+        return not self.is_incompressible and next(self.cases(), None) is None
 
     def __eq__(self, other: object) -> bool:
         """Return whether parameters are equal, whatever moduli gave them."""
@@ -272,6 +277,11 @@ class MaterialLaw(Ingredient):
             return value
         return tuple(value if i == place[1] else 0.0 for i in range(len(getattr(self, parameter))))
 
+    @classmethod
+    def is_read_by_fields(cls, data: Mapping[str, Any]) -> bool:
+        # These do nothing more without moduli.
+        return not _has_moduli(data) and has_validators(cls, "_validate", "_replace_moduli", "_keep_stated")
+
     @model_validator(mode="before")
     @classmethod
     def _replace_moduli(cls, data: Any, info: ValidationInfo) -> Any:
@@ -332,11 +342,13 @@ class MaterialLaw(Ingredient):
             yield ("sheet",), "must be another family than fibre"
         if info.context and _UNFINISHED in info.context:
             return
-        moduli = {"shear modulus": self.shear_modulus, "bulk modulus": self.bulk_modulus}
         for par in self.cases():
-            for name, modulus in moduli.items():
-                if not (value := modulus(par)) > 0:
-                    yield (), f"the {name} that follows from these parameters must be positive, but is {value:g} Pa"
+            for name, value in (("shear", self.shear_modulus(par)), ("bulk", self.bulk_modulus(par))):
+                if not value > 0:
+                    yield (
+                        (),
+                        f"the {name} modulus that follows from these parameters must be positive, but is {value:g} Pa",
+                    )
 
 
 def _has_moduli(data: Any) -> bool:
