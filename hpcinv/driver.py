@@ -165,7 +165,7 @@ class _Outputs(StepControl):
             yield solved
 
     def choose_start(self, number: int, equations: Equations) -> Start:
-        start = self.restart and self.restart.start(number, equations)
+        start = self.restart and self.restart.start(number, equations, self.job.plan[number].direction)
         self.progress.state(self.job, number)
         self.snapshots.begin(number, equations, self.job.plan[number].direction)
         return start or Start(guess=self.guesses[number] if number < len(self.guesses) else None)

@@ -1,9 +1,39 @@
 """Results of contacts, and of their friction."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 from dolfinx import fem
+
+
+@dataclass(frozen=True)
+class SlipHistory:
+    """What the slip of one contact goes on from: the end of the last load step below the full load.
+
+    Attributes:
+        displacement: of the body at that end, in m.
+        slips: components of the slip that its tractions need, in m.
+        force: pressure times area of each node, in N.
+        numbers: load factor ``load``; ``energy_lost`` up to there, in J; ``shift`` of a rigid obstacle, in m; and
+            present penalties, the pressure's by its first one (``share``) and friction's by the pressure's
+            (``softness``).
+    """
+
+    displacement: fem.Function
+    slips: tuple[fem.Function, ...]
+    force: fem.Function
+    numbers: Mapping[str, Any]
+
+    @property
+    def functions(self) -> dict[str, fem.Function]:
+        """All functions by their names."""
+        slips = {f"slip-{axis}": slip for axis, slip in zip("xyz", self.slips, strict=True)}
+        return {"displacement": self.displacement, "force": self.force} | slips
+
+    def with_numbers(self, numbers: Mapping[str, Any]) -> Self:
+        """Return the same functions with other numbers."""
+        return replace(self, numbers=numbers)
 
 
 @dataclass(frozen=True)
@@ -19,6 +49,7 @@ class FrictionReport:
         tractions: components of the tangential traction on the first surface, in Pa.
         slips: components of the slip of the second surface on the first in the last load step, in m.
         state: 0 open, 1 sticks, 2 slides.
+        history: of the slip before the last load step; ``None`` if that began with the unloaded body.
     """
 
     coefficient: float
@@ -30,6 +61,7 @@ class FrictionReport:
     tractions: tuple[fem.Function, ...]
     slips: tuple[fem.Function, ...]
     state: fem.Function
+    history: SlipHistory | None = None
 
     def as_data(self) -> dict[str, Any]:
         """The report as JSON data."""
@@ -83,3 +115,9 @@ class ContactReport:
         rough = {} if self.friction is None else {"friction": self.friction.as_data()}
         names = ("region", "assumption", "area", "penetration", "distance", "largest_pressure", "tolerance", "penalty")
         return {"effect": self.where, "force": list(self.force)} | {name: getattr(self, name) for name in names} | rough
+
+
+def histories_of(reports: Sequence[ContactReport]) -> tuple[SlipHistory | None, ...]:
+    """Return the histories of slip of all contacts of a solution; empty if none of them has one."""
+    found = tuple(None if report.friction is None else report.friction.history for report in reports)
+    return found if any(history is not None for history in found) else ()

@@ -10,7 +10,7 @@ from dolfinx import fem
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
-from hpcinv.model.contact_reports import ContactReport
+from hpcinv.model.contact_reports import ContactReport, SlipHistory
 from hpcinv.model.obstacle_contact import ObstacleContact, PenaltyDirection
 from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.obstacle_surface import ObstacleSurface
@@ -140,6 +140,23 @@ class Contacts:
         for pair in self.pairs:
             if pair.depends_on_path:
                 pair.end_step(load)
+
+    def histories(self, load: float, scales: Scales) -> tuple[SlipHistory | None, ...]:
+        """Return the histories of slip of all contacts for a solve that has reached a load factor, or none."""
+        if not self.depends_on_path:
+            return ()
+        return (None,) * len(self._obstacles) + tuple(pair.history(load, scales) for pair in self.pairs)
+
+    def new_history(self, number: int, scales: Scales) -> SlipHistory:
+        """Return a history of slip, with zeros, of the contact of a number."""
+        history: SlipHistory = self._all[number].new_history(scales)
+        return history
+
+    def resume(self, histories: Sequence[SlipHistory | None], scales: Scales) -> None:
+        """Let slip go on from the histories of all contacts, or from the unloaded body without one."""
+        for contact, history in zip(self._all, histories or (None,) * len(self._all), strict=True):
+            if history is not None:
+                contact.resume(history, scales)
 
     def follow_failure(self, outcome: Outcome) -> bool:
         """Adapt penalties of interfaces after a solve that failed; return whether it is to be made again."""

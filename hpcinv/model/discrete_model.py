@@ -16,7 +16,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.model.cell_layers import layers_of_cells
-from hpcinv.model.contact_reports import ContactReport
+from hpcinv.model.contact_reports import ContactReport, SlipHistory
 from hpcinv.model.field_checks import check_fields, shear_modulus
 from hpcinv.model.fields import BodyFields
 from hpcinv.model.spaces import Unknowns
@@ -142,6 +142,11 @@ class DiscreteModel:
     ) -> None:
         """Set the contacts of a direction alone to a solution's on another mesh, as `Contacts.restore`; collective."""
         self.weak_form(direction).contacts.restore(reports, self.scales, transfer)
+
+    def slip_histories(self, direction: Direction, load: float) -> tuple[SlipHistory | None, ...]:
+        """Return the histories of slip of all contacts for a solve that has reached a load factor, or none."""
+        weak_form = self._weak_forms.get((direction, self._given_u is not None))
+        return () if weak_form is None else weak_form.contacts.histories(load, self.scales)
 
     def unload(self) -> None:
         """Set displacement and pressure to zero."""

@@ -12,7 +12,7 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -30,28 +30,36 @@ from hpcinv.errors import CheckpointError, OutputError
 from hpcinv.job.fingerprint import check_same_problem
 from hpcinv.mesh import Body
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.model.contact_reports import SlipHistory
 from hpcinv.model.outcome import Outcome
 from hpcinv.on_demand import on_demand
+from hpcinv.physics.effects import Direction
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.methods.method import Start
 from hpcinv.solver.newton import NewtonIteration, Solve
 
-_FORMAT = 5
+_FORMAT = 6
 _NAME = re.compile(r"\d{4,}")
 _WITH_ITS_VERSION = "Resume with the version that wrote it."
 
 
 @dataclass(frozen=True)
 class Position:
-    """Progress of a run: the direction, the load factor reached in it, and the solves of each direction so far."""
+    """Progress of a run: the direction, the load factor reached in it, and the solves of each direction so far.
+
+    Attributes:
+        slips: numbers of the histories of slip, by direction and contact; ``None`` of contacts without one.
+    """
 
     direction_index: int
     load: float
     solves: tuple[tuple[Solve, ...], ...]
+    slips: tuple[tuple[Mapping[str, Any] | None, ...], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         solutions = [[asdict(s) | {"outcome": s.outcome.name} for s in solves] for solves in self.solves]
-        return {"direction": self.direction_index, "load": self.load, "solves": solutions}
+        slips = [list(histories) for histories in self.slips]
+        return {"direction": self.direction_index, "load": self.load, "solves": solutions, "slips": slips}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
@@ -60,7 +68,8 @@ class Position:
             read = {"outcome": Outcome[s["outcome"]], "iterations": iterations}
             return Solve(**(dict(s) | read | {name: tuple(s[name]) for name in ("signs", "mode") if name in s}))
 
-        return cls(data["direction"], data["load"], tuple(tuple(map(solve, solution)) for solution in data["solves"]))
+        solves = tuple(tuple(map(solve, solution)) for solution in data["solves"])
+        return cls(data["direction"], data["load"], solves, tuple(map(tuple, data["slips"])))
 
 
 @dataclass(frozen=True)
@@ -72,15 +81,30 @@ class Restart:
     functions: tuple[str, ...]
     complaints: tuple[str, ...]
 
-    def start(self, number: int, equations: Equations) -> Start | None:
-        """Return the start in a direction (from 0), ``None`` if that had not begun; collective."""
+    def start(self, number: int, equations: Equations, direction: Direction | None = None) -> Start | None:
+        """Return the start in a direction (from 0), ``None`` if that had not begun; collective.
+
+        Args:
+            direction: of a solve that goes on, with the slip of its contacts; fields are enough without it.
+        """
         if self.position.direction_index < number:
             return None
         u, p = equations.unloaded().fields
         for name, function in named(number, u, p).items():
             self.read(name, function)
         load = self.position.load if self.position.direction_index == number else 1.0
-        return Start((u, p), load, self.position.solves[number])
+        slips = () if direction is None else tuple(self._slips(number, equations, direction))
+        return Start((u, p), load, self.position.solves[number], slips=slips)
+
+    def _slips(self, number: int, equations: Equations, direction: Direction) -> Iterator[SlipHistory | None]:
+        for contact, numbers in enumerate(self.position.slips[number] if self.position.slips else ()):
+            history = None
+            if numbers is not None:
+                contacts = equations.weak_form(direction).contacts
+                history = contacts.new_history(contact, equations.scales).with_numbers(numbers)
+                for name, function in named_slips(number, [None] * contact + [history]).items():
+                    self.read(name, function)
+            yield history
 
     def read(self, name: str, function: Function) -> None:
         """Read the function that was saved under ``name``; collective."""
@@ -219,6 +243,16 @@ _IRREGULAR = 1.6180339887
 """radians between the weights of successive nodes: any number that has no simple ratio to a turn"""
 _DIGITS = 8
 """digits in lengths of the body; with more, rounding errors count as other nodes"""
+
+
+def named_slips(number: int, histories: Sequence[SlipHistory | None]) -> dict[str, Function]:
+    """Return the functions of the histories of slip of one direction (from 0) by their names in a checkpoint."""
+    return {
+        f"contact-{number}-{contact}-{name}": function
+        for contact, history in enumerate(histories)
+        if history is not None
+        for name, function in history.functions.items()
+    }
 
 
 class _Damaged(Exception):

@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 from dolfinx.fem import Function
 
 from hpcinv.errors import OutputError, SystemPartMissing
-from hpcinv.output.checkpoint import Checkpoints, Position, Restart, named
+from hpcinv.model.contact_reports import SlipHistory, histories_of
+from hpcinv.output.checkpoint import Checkpoints, Position, Restart, named, named_slips
 from hpcinv.output.run_store import RunStore
+from hpcinv.physics.effects import Direction
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear.selection import Used
 from hpcinv.solver.newton import Solve
 from hpcinv.solver.observer import Observer, SolvedDirection, SolveEvent
 
@@ -33,8 +36,12 @@ class CheckpointWriter(Observer):
         self._checkpoints, self._store, self._equations, self._warn = checkpoints, store, equations, warn
         self._settings, self._comm = equations.job.checkpoint, equations.body.mesh.comm
         self._finished: list[Solution] = []
+        self._direction: Direction | None = None
         self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
         self._saved = None if restart is None else restart.position
+
+    def begun(self, direction: Direction, linear: Used) -> None:
+        self._direction = direction
 
     def finished(self, solution: Solution) -> None:
         """Add the solution of a finished direction to all later checkpoints."""
@@ -49,13 +56,12 @@ class CheckpointWriter(Observer):
     def has_saved_finished(self) -> bool:
         """True if the last checkpoint has the solutions of all finished directions."""
         *earlier, last = self._finished
-        solves = (*(solution.solves for solution in earlier), tuple(last.solves))
-        return self._saved == Position(len(earlier), last.load, solves)
+        return self._saved == _position(earlier, last.load, last.solves, histories_of(last.contacts))
 
     def save_finished(self) -> None:
         """Save the solutions of all finished directions, unless that is the last checkpoint; collective."""
         *earlier, last = self._finished
-        self._save(earlier, last.load, last.solves, (last.displacement, last.pressure))
+        self._save(earlier, last.load, last.solves, last.fields, histories_of(last.contacts))
 
     def solved(self, event: SolveEvent) -> None:
         self._steps += event.can_restart
@@ -72,22 +78,34 @@ class CheckpointWriter(Observer):
         return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
 
     def _write(self, load: float, solves: Sequence[Solve]) -> None:
-        self._save(self._finished, load, solves, self._equations.state().fields)
+        assert self._direction is not None  # it has begun
+        slips = self._equations.slip_histories(self._direction, load)
+        self._save(self._finished, load, solves, self._equations.state().fields, slips)
 
     def _save(
-        self, earlier: Sequence[Solution], load: float, solves: Sequence[Solve], last: tuple[Function, Function | None]
+        self,
+        earlier: Sequence[Solution],
+        load: float,
+        solves: Sequence[Solve],
+        last: tuple[Function, Function | None],
+        slips: Sequence[SlipHistory | None],
     ) -> None:
-        """Write a checkpoint of solutions, and of the ``last`` state (m, Pa), in the direction after theirs."""
+        """Write a checkpoint of solutions, and of the ``last`` state (m, Pa), in the direction after theirs.
+
+        Args:
+            slips: histories of the slip of contacts in the last state.
+        """
         self._steps, self._last = 0, time.monotonic()
         if self._checkpoints is None:
             return
-        position = Position(len(earlier), load, (*(solution.solves for solution in earlier), tuple(solves)))
+        position = _position(earlier, load, solves, slips)
         if position == self._saved:
             return
         self._store.check_in_place()
         with self._equations.timings("checkpoint"):
-            solutions = [*((solution.displacement, solution.pressure) for solution in earlier), last]
-            parts = [named(number, *solution) for number, solution in enumerate(solutions)]
+            parts = [named(number, *fields) for number, fields in enumerate([*(s.fields for s in earlier), last])]
+            histories = [*(histories_of(solution.contacts) for solution in earlier), slips]
+            parts += [named_slips(number, of_direction) for number, of_direction in enumerate(histories)]
             try:
                 self._checkpoints.write(position, {name: f for part in parts for name, f in part.items()})
             except OutputError:  # raised on some ranks only
@@ -98,3 +116,12 @@ class CheckpointWriter(Observer):
                 self._warn(f"no checkpoints: {exc.message}\n  {exc.advice}")
                 return
         self._saved = position
+
+
+def _position(
+    earlier: Sequence[Solution], load: float, solves: Sequence[Solve], slips: Sequence[SlipHistory | None]
+) -> Position:
+    """Return the position of a run after solutions, in the direction after theirs."""
+    histories = [*(histories_of(solution.contacts) for solution in earlier), slips]
+    numbers = tuple(tuple(h if h is None else h.numbers for h in of_direction) for of_direction in histories)
+    return Position(len(earlier), load, (*(solution.solves for solution in earlier), tuple(solves)), numbers)

@@ -66,6 +66,7 @@ class EquilibriumPath:
         last: last solve that was reported.
         spent: factorizations that are not part of a report yet.
         has_near_factors: whether the present factors belong to a tangent near the one at the present state.
+        earlier: solves before it, after which it goes on. By default it takes the first step of the policy.
     """
 
     equilibrium: Equilibrium
@@ -76,6 +77,7 @@ class EquilibriumPath:
     last: Solve | None = None
     spent: int = 0
     has_near_factors: bool = False
+    earlier: tuple[Solve, ...] = ()
 
     def follow(self, policy: Policy, effort: float = math.inf) -> Solves:
         """Yield the solves of a policy, until they have taken more factorizations than ``effort``."""

@@ -152,6 +152,11 @@ class _Stepping:
         self._path, self._steps, self._equilibrium = path, steps, path.equilibrium
         self._series, self._most_nonlinear = steps.series, steps.most_nonlinear
         self._step, self._least = steps.first / path.cases, steps.smallest / path.cases
+        load = 0.0
+        for solve in path.earlier:
+            self._step = steps.next_step(solve, solve.load - load)
+            load = solve.load if solve.outcome.accepted else load
+        path.earlier = ()
         self._has_tangent = False
         self._ahead = LimitPointAhead()
         self._end: _EndOfSeries | None = None

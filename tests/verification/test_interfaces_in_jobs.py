@@ -34,6 +34,7 @@ KINDS: dict[str, tuple[dict[str, Any], list[str]]] = {
     "least": ({"kind": "contact", "closure": "least-energy"}, ["inverse", "forward"]),
     "pressure": ({"kind": "contact", "closure": "pressure", "pressure": "0.02*(1 + x)"}, ["inverse", "forward"]),
     "given": ({"kind": "contact", "closure": "given"}, ["forward", "inverse"]),
+    "rubbed": ({"kind": "contact", "closure": "given", "friction": 0.3}, ["forward", "inverse"]),
 }
 
 
@@ -59,16 +60,17 @@ def results_of(result: Result) -> np.ndarray:
     return np.array([*np.ravel(forces), result.quantities["travel"], result.errors["round_trip"]["max"]])
 
 
-@pytest.mark.everyday("given-2")
+@pytest.mark.release
 @pytest.mark.parallel(2)
 @pytest.mark.parametrize(
     ("kind", "from_end"),
     [
         ("tied", 8),
-        pytest.param("sliding", 2, marks=pytest.mark.release),
+        ("sliding", 2),
         ("conforming", 12),
         ("given", 2),
-        pytest.param("least", 2, marks=pytest.mark.release),
+        ("least", 2),
+        ("rubbed", 2),
     ],
 )
 def test_stopped_runs_resume_on_another_number_of_ranks(
@@ -83,6 +85,42 @@ def test_stopped_runs_resume_on_another_number_of_ranks(
     if comm.rank == 0:
         resumed = results_of(hpcinv.run(posed(kind), MPI.COMM_SELF, directory=run_directory, resume=True))
     assert np.abs(comm.bcast(resumed) - results_of(whole)).max() < 1e-10
+
+
+@pytest.mark.parallel(2)
+@pytest.mark.parametrize(
+    ("strategy", "error"),
+    [
+        ({"strategy": "fixed", "steps": 1}, 1e-9),
+        pytest.param({"initial_step": 0.3}, 1e-6, marks=pytest.mark.release),  # the tolerance on the way
+    ],
+    ids=["fixed", "adaptive"],
+)
+def test_slip_of_earlier_steps_is_in_a_checkpoint(
+    strategy: dict[str, Any], error: float, comm: MPI.Intracomm, run_directory: Path
+) -> None:
+    """The block is pressed on, then dragged: the end depends on the slip between."""
+    push = {"effect": "traction", "region": "z1", "traction": [0, 0, -0.1], "area_in": "reference", "case": "press"}
+    drag = {"region": "z1", "displacement": [0.04, 0.03, None], "case": "drag"}
+    data: dict[str, Any] = {"analysis": "forward", "effects": [push], "load_cases": ["press", "drag"]}
+    data |= {"supports": [GIVEN["supports"][0], drag], "solver": {"tolerance": 1e-12} | strategy}
+    data |= {"interfaces": [{"between": BOTH, "kind": "contact", "friction": 0.3}], "certificate": {"level": "quick"}}
+    given = job(**GIVEN | data)
+
+    def end_of(result: Result) -> np.ndarray:
+        (contact,) = result.solutions[0].contacts
+        assert contact.friction is not None
+        return np.array([*contact.force, contact.friction.energy_lost, result.quantities["travel"]])
+
+    whole = hpcinv.run(given, comm)
+    on_the_way = [solve for solve in whole.solutions[0].solves if solve.load < 1.0]
+    iterations = sum(len(solve.iterations) for solve in on_the_way)
+    with pytest.raises(Interrupted):
+        hpcinv.run(given, comm, directory=run_directory, stop_asked=after_iterations(iterations + 1))
+    resumed = None
+    if comm.rank == 0:
+        resumed = end_of(hpcinv.run(given, MPI.COMM_SELF, directory=run_directory, resume=True))
+    assert comm.bcast(resumed) == pytest.approx(end_of(whole), rel=error, abs=1e-12)
 
 
 @pytest.mark.everyday("sliding")

@@ -52,15 +52,14 @@ _BOUNDS: Mapping[Bound, Callable[[float, Floats], tuple[Floats, Floats]]] = {
 
 
 @dataclass(frozen=True)
-class _Begin:
+class SlipBegin:
     """A solution with which a load step begins.
 
     Attributes:
         load: load factor.
         u: owned unknowns (scaled).
         points: places of the nodes of the first surface's facets on this rank; ``None`` of unloaded bodies.
-        frame: the same where the jumps were; the slips are in their planes.
-        slips: ``s₀`` (n, 3), scaled.
+        slips: ``s₀`` (n, 3), scaled, in the planes of the surface there.
         forces: pressures times areas (n,), scaled.
         energy: lost so far, scaled.
         shift: motion (3,) of a rigid obstacle, scaled.
@@ -69,7 +68,6 @@ class _Begin:
     load: float
     u: Floats
     points: Floats | None
-    frame: Floats | None
     slips: Floats
     forces: Floats
     energy: float
@@ -101,6 +99,9 @@ class Friction:
         names: sorted global numbers of the functions.
         owned: number of owned unknowns.
         turns: whether tractions turn with the first surface; a rigid obstacle keeps them.
+
+    Attributes:
+        q: multipliers (n, 3); softness: penalty by the pressure's.
     """
 
     def __init__(
@@ -113,16 +114,30 @@ class Friction:
 
     def reset(self) -> None:
         """Begin with the unloaded bodies, without tractions."""
-        count, still = len(self._names), np.zeros(3)
-        self.q: Floats = np.zeros((count, 3))
-        self._softness, self._distance, self._may_stiffen = _SOFTNESS, float("inf"), True
-        self._rest = _Begin(-1.0, np.zeros(self._owned), None, None, np.zeros((count, 3)), np.zeros(count), 0.0, still)
-        self._begins = list[_Begin]()
-        self._restored: Floats | None = None
-        self._begin, self._slips = self._rest, self._rest.slips
+        self.q: Floats = np.zeros((len(self._names), 3))
+        self.softness, self._distance, self._may_stiffen = _SOFTNESS, float("inf"), True
         if "_jump" in vars(self):
-            self._penalties = self._softness * self._pressure_penalties
+            self._penalties = self.softness * self._pressure_penalties
+        self.begin_unloaded()
+
+    def begin_unloaded(self) -> None:
+        """Let the slip begin with the unloaded bodies; tractions stay."""
+        count, still = len(self._names), np.zeros(3)
+        self._rest = SlipBegin(-1.0, np.zeros(self._owned), None, np.zeros((count, 3)), np.zeros(count), 0.0, still)
+        self._begin, self._begins = self._rest, list[SlipBegin]()
+        self._restored: Floats | None = None
+        self._slips = self._rest.slips
+        if "_jump" in vars(self):
             self._carry()
+
+    @property
+    def penalties(self) -> Floats:
+        """Present penalties (n,), scaled."""
+        return self._penalties
+
+    def scale_penalties(self, factor: float) -> None:
+        """Take other penalties."""
+        self._set_softness(self.softness * factor)
 
     # Surfaces that move.
 
@@ -139,7 +154,7 @@ class Friction:
         self.destroy()
         self._shift = shift
         self._jump, self._pressure_penalties, self._first = jump, penalties, first
-        self._penalties = self._softness * penalties
+        self._penalties = self.softness * penalties
         self._unloaded, self._u = unloaded.points, u.copy()
         self._forces = jump.vector_matrix(self._owned, means=False)
         self._means = jump.vector_matrix(self._owned, means=True)
@@ -148,13 +163,13 @@ class Friction:
         if self._restored is not None:
             count = len(self._names)
             slipped = self._restored
-            self._rest = _Begin(-1.0, u.copy(), first.points, first.points, slipped, np.zeros(count), 0.0, shift)
+            self._rest = SlipBegin(-1.0, u.copy(), first.points, slipped, np.zeros(count), 0.0, shift)
             self._begin, self._begins, self._restored = self._rest, [], None
         self._carry()
 
     def soften(self) -> bool:
         """Take lower penalties until updates are slow; return whether they were not lower before."""
-        before, self._distance = self._softness, float("inf")
+        before, self._distance = self.softness, float("inf")
         self._set_softness(_SOFTER)
         return before > _SOFTER
 
@@ -165,14 +180,14 @@ class Friction:
         would do so after each update.
         """
         is_slow, self._distance = distance > _SLOW * self._distance, distance
-        if not (is_slow and self._may_stiffen and self._softness < _SOFTNESS):
+        if not (is_slow and self._may_stiffen and self.softness < _SOFTNESS):
             return False
         self._may_stiffen = False
         self._set_softness(_SOFTNESS)
         return True
 
     def _set_softness(self, softness: float) -> None:
-        self._softness = softness
+        self.softness = softness
         self._penalties = softness * self._pressure_penalties
 
     def destroy(self) -> None:
@@ -190,17 +205,21 @@ class Friction:
 
     def _carry(self) -> None:
         begin = self._begin
-        normals = np.einsum("nba,nb->na", self._turned(begin.points), self._jump.normals)
+        turned = self._turned(begin.points)
+        normals = np.einsum("nba,nb->na", turned, self._jump.normals)
         vectors = self._jump.vectors - self._jumped(self._u)
         gaps = np.einsum("ni,ni->n", normals, vectors)[:, None] * normals
-        self._slips = self._tangential(np.einsum("nab,nb->na", self._turned(begin.frame), begin.slips) + gaps)
+        self._slips = self._tangential(np.einsum("nab,nb->na", turned, begin.slips) + gaps)
 
     def _turned(self, points: Floats | None) -> Floats:
         """Return the rotations (n, 3, 3) of the first surface from a place, by default the unloaded body's."""
+        return self._rotations(self._unloaded if points is None else points, self._first.points)
+
+    def _rotations(self, before: Floats, after: Floats) -> Floats:
+        """Return the rotations (n, 3, 3) of the first surface between two places."""
         if not self._turns:
             return np.broadcast_to(np.eye(3), (len(self._names), 3, 3))
-        before = self._unloaded if points is None else points
-        return surface_rotations(self._names, self._first.nodes, before, self._first.points, self._comm)
+        return surface_rotations(self._names, self._first.nodes, before, after, self._comm)
 
     def _tangential(self, vectors: Floats) -> Floats:
         normals = self._jump.normals
@@ -214,13 +233,22 @@ class Friction:
             u: owned unknowns; points: places of the nodes of the first surface's facets on this rank.
         """
         found = self.tractions(u, pressures)
-        slips = -self._lengths(found.vectors)
+        turned = self._rotations(self._first.points, points)
+        slips = np.einsum("nab,nb->na", turned, -self._lengths(found.vectors))
         forces = pressures * self._jump.areas
-        self._begins.append(
-            _Begin(
-                load, u.copy(), points, self._first.points, slips, forces, self.energy(found, pressures), self._shift
-            )
-        )
+        energy = self.energy(found, pressures)
+        self._begins.append(SlipBegin(load, u.copy(), points, slips, forces, energy, self._shift))
+
+    def begin_before(self, load: float) -> SlipBegin | None:
+        """Return the last solution up to a load factor, below the full load; ``None`` for the unloaded bodies."""
+        found = [begin for begin in self._begins if begin.load <= load and begin.load < 1.0]
+        return found[-1] if found else None
+
+    def resume(self, begin: SlipBegin, softness: float) -> None:
+        """Let the slip begin with a solution, and with a penalty by the pressure's, of a run before."""
+        self._begins, self._begin = [begin], begin
+        self._set_softness(softness)
+        self._carry()
 
     def _lengths(self, tractions: Floats) -> Floats:
         """Return tractions (n, 3) over the penalties, 0 without one."""

@@ -11,8 +11,8 @@ from dolfinx import fem
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh.source import Floats
-from hpcinv.model.contact_reports import ContactReport, FrictionReport
-from hpcinv.model.interfaces.friction import Friction, Tractions
+from hpcinv.model.contact_reports import ContactReport, FrictionReport, SlipHistory
+from hpcinv.model.interfaces.friction import Friction, SlipBegin, Tractions
 from hpcinv.model.interfaces.jump import Jump
 from hpcinv.model.interfaces.kinds import Law, assumption
 from hpcinv.model.interfaces.nodal_functions import NodalFunctions
@@ -119,12 +119,14 @@ class InterfaceReports:
         jump: Jump,
         place_of: Callable[[int], Floats],
         scales: Scales,
+        history: SlipHistory | None = None,
     ) -> FrictionReport:
         """Return a report of friction; collective.
 
         Args:
             jump: where the forces act.
             place_of: returns the place (m) of the node of a function.
+            history: before the last load step.
         """
         sizes = np.linalg.norm(found.vectors, axis=1)
         slides = found.sliding & (pressures > 0)
@@ -143,12 +145,52 @@ class InterfaceReports:
             tractions=self._components("friction", -found.vectors * scales.stress),
             slips=self._components("slip", found.slips * scales.length),
             state=self.functions.made(f"{self.prefix}_state{self.label}", state),
+            history=history,
         )
 
     def _components(self, name: str, vectors: Floats) -> tuple[fem.Function, ...]:
         return tuple(
             self.functions.made(f"{self.prefix}_{name}_{axis}{self.label}", vectors[:, i])
             for i, axis in enumerate("xyz")
+        )
+
+    def history(
+        self, begin: SlipBegin, displacement: fem.Function, penalties: tuple[float, float], scales: Scales
+    ) -> SlipHistory:
+        """Return the history of a solution with which a load step begins.
+
+        Args:
+            displacement: a new function (scaled) with its displacement, which is scaled to m.
+            penalties: ``share`` and ``softness`` of `SlipHistory`.
+        """
+        displacement.x.array[:] *= scales.length
+        numbers = {
+            "load": begin.load,
+            "energy_lost": begin.energy * scales.stress * scales.length**3,
+            "shift": (begin.shift * scales.length).tolist(),
+            "share": penalties[0],
+            "softness": penalties[1],
+        }
+        slips = self._components("slip", begin.slips * scales.length)
+        force = self.functions.made("force", begin.forces * scales.stress * scales.length**2)
+        return SlipHistory(displacement, slips, force, numbers)
+
+    def begin_of(self, history: SlipHistory, u: Floats, points: Floats, scales: Scales) -> SlipBegin:
+        """Return the solution with which a load step begins, of a history; collective.
+
+        Args:
+            u: its owned unknowns (scaled); points: places of the nodes of the first surface's facets.
+        """
+        numbers = history.numbers
+        slips = [self.functions.values(slip) / scales.length for slip in history.slips]
+        return SlipBegin(
+            numbers["load"],
+            u,
+            points,
+            np.stack(slips, axis=1),
+            self.functions.values(history.force) / (scales.stress * scales.length**2),
+            numbers["energy_lost"] / (scales.stress * scales.length**3),
+            np.array(numbers["shift"]) / scales.length,
         )
 
     def slipped(self, report: FrictionReport, scales: Scales, transfer: Transfer) -> tuple[Floats, Floats]:

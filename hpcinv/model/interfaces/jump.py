@@ -96,6 +96,11 @@ class Jump:
         same = np.array_equal(self._rows, other._rows) and np.array_equal(self._unknowns, other._unknowns)
         return bool(self._comm.allreduce(same, op=MPI.LAND))
 
+    def incidence(self) -> Ints:
+        """Return functions and the unknowns (k, 4) of the nodes on which each depends, of all ranks; collective."""
+        own = np.unique(np.column_stack([self._rows, self._unknowns]), axis=0)
+        return np.concatenate(self._comm.allgather(own))
+
     def _scaled(self, means: bool) -> Floats:
         scaled: Floats = self._weights * (self._inverse_areas[self._rows] if means else 1.0)
         return scaled

@@ -68,6 +68,8 @@ class DirectMethod(Method):
                 return
         passed = sum(solve.limit_point for solve in start.solves)
         path = EquilibriumPath(self.equilibrium, tolerance, cases, start.load, passed)
+        if contacts.depends_on_path:  # with other steps, it would have another solution
+            path.earlier = start.solves
         for solve in reach(path, equations, self.direction, self.steps):
             is_last = solve.outcome.accepted and solve.load == 1.0 and contacts.is_iterated
             if solve.outcome.accepted and not is_last:
@@ -80,6 +82,7 @@ class DirectMethod(Method):
         """Put the state with which the solves begin; return the number of load cases on the way from there."""
         cases = self.equations.job.case_count
         self.equilibrium.system.begin_contacts()
+        self.equilibrium.system.weak_form.contacts.resume(start.slips, self.equations.scales)
         if start.origin is not None:
             self.equations.put_fields(start.origin)
             self.equilibrium.begin_path()
@@ -130,7 +133,7 @@ class DirectMethod(Method):
     def can_restart_after(self, solve: Solve) -> bool:
         contacts = self.equilibrium.system.weak_form.contacts
         is_between = contacts.is_iterated and solve.load == 1.0
-        return solve.outcome.accepted and not is_between and not contacts.depends_on_path
+        return solve.outcome.accepted and not is_between
 
     def min_mesh_J(self) -> float:
         return self.equilibrium.system.min_mesh_J()

@@ -8,6 +8,7 @@ from dolfinx.fem import Function
 
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.mesh.source import Floats
+from hpcinv.model.contact_reports import SlipHistory
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
@@ -89,6 +90,7 @@ class Start:
         solves: completed solves up to there.
         guess: initial state at full load, for methods that can use it; after a failure, the unloaded body is used.
         origin: displacement (m) and pressure (Pa) at which the load path begins; without it, with the unloaded body.
+        slips: histories of the slip of all contacts, of a checkpoint; none without friction.
     """
 
     solution: tuple[Function, Function | None] | None = None
@@ -96,6 +98,7 @@ class Start:
     solves: tuple[Solve, ...] = ()
     guess: Guess | None = None
     origin: tuple[Function, Function | None] | None = None
+    slips: tuple[SlipHistory | None, ...] = ()
 
     @property
     def is_unloaded(self) -> bool:
