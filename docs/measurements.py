@@ -25,6 +25,7 @@ COMMANDS = {
     "stability-counts": "python benchmarks/stability.py counts",
     "stability-price": "python benchmarks/stability.py price",
     "certificate": "python benchmarks/certificate.py --repeat 1 --ranks 1 2",
+    "derivatives": "python benchmarks/derivatives.py",
     "ranks": "python benchmarks/beam_and_block.py ranks",
     "linear": "python benchmarks/beam_and_block.py linear --sizes 16000 25000 35000 50000 100000 180000 --repeat 1",
     "phases": "python benchmarks/beam_and_block.py phases",

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.files.names import escaped_line
+from hpcinv.cli.deck_lines import lines_of
 
 if TYPE_CHECKING:
     from hpcinv.formats.cards.card import Card
@@ -72,7 +73,8 @@ class FileJob:
         sections = self._materials()
         self._comments += self._remarks()
         self._comments = list(dict.fromkeys(self._comments))
-        self._comments += [f"Not taken from the file: {text}" for text in dict.fromkeys(self._deck.unused)]
+        for text in dict.fromkeys(self._deck.unused):
+            self._comments.append(f"Not taken from the file: {text}{lines_of(text, self._options.source)}")
         self._comments += self._advice(supports, effects)
         names = [group.name for group in self._source.groups]
         self._comments.append(f"Regions of the mesh: {', '.join(dict.fromkeys(names)) or 'none'}")

@@ -39,7 +39,7 @@ def installed(program: str, names: Iterable[str], advice: str) -> str:
     """
     for name in names:
         if path := shutil.which(name):
-            return path
+            return str(Path(path).absolute())  # it runs in another directory
     raise NoOpinion(f"{program}: is not installed", advice)
 
 
