@@ -70,6 +70,7 @@ FUNCTIONS = {
     "response to gaps": "hpcinv.trust.intervals.gap_response:gap_response",
     "rigid motion": "hpcinv.physics.kinematics.rigid_motion:RigidMotion",
     "search for accuracy": "hpcinv.trust.accuracy.search:Search",
+    "settled contacts": "hpcinv.trust.sensitivity.settled_contacts:SettledContacts",
     "second opinion": "hpcinv.studies.second_opinion.opinion:opinion_line",
     "sensitivities": "hpcinv.trust.sensitivity.analysis:sensitivities",
     "slide of a support": "hpcinv.model.sliding:slide_of",

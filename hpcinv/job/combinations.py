@@ -80,6 +80,17 @@ def _friction(job: Any) -> Iterator[KeyPath]:
     yield from (("effects", i, "friction") for i, effect in effects if effect.is_paired and effect.friction)
 
 
+def has_history(job: Any) -> bool:
+    """Return whether the first solve has friction, whose slip depends on the load steps, and may take several."""
+    solver = job.solver
+    is_one_step = solver.strategy == "fixed" and solver.steps * job.case_count == 1
+    return job.directions[0] == "forward" and not is_one_step and any(True for _ in _friction(job))
+
+
+def _history(job: Any) -> Iterator[KeyPath]:
+    yield from _friction(job) if has_history(job) else ()
+
+
 def _paired_contact(job: Any) -> Iterator[KeyPath]:
     """Contacts with rigid obstacles with friction or a closure."""
     yield from (("effects", i) for i, effect in enumerate(job.effects) if effect.is_paired)
@@ -132,6 +143,7 @@ PARTS: Mapping[str, Part] = {
     "interfaces": Part("`interfaces`", _key("interfaces")),
     "paired contact": Part("contact with a rigid obstacle, with `friction` or a `closure`", _paired_contact),
     "friction": Part("`friction`", _friction),
+    "slip history": Part("`friction` over several load steps", _history),
     "sliding supports": Part("supports that slide", _sliding_supports),
     "high degree": Part(
         "`displacement` above 2", _key("discretisation", "displacement", test=lambda degree: degree > 2)
@@ -186,11 +198,14 @@ def _of_surfaces(are: str, need: str) -> dict[str, str]:
         "fixed point": f"{need} {_DIRECT.removeprefix('needs ')}",
         "iterative": f"{are} too stiff for 'linear: iterative': leave it out",
         "accuracy": f"{are} not possible with 'accuracy', whose estimate does not see contact: choose the mesh",
-        "sensitivities": f"{are} not possible with 'sensitivities', which would leave contact out",
         "identify": f"{are} not possible with 'identify', which needs derivatives",
     }
 
 
+HISTORY = (
+    "is not possible with derivatives, since its slip depends on the load steps: take one step ('strategy: fixed',"
+    " 'steps: 1')"
+)
 _SOLID = ": leave that out, or mesh a solid"
 
 REFUSED: Mapping[str, Mapping[str, str]] = {
@@ -204,7 +219,11 @@ REFUSED: Mapping[str, Mapping[str, str]] = {
         "shell": "is not possible with a shell",
     },
     "interfaces": {"shell": "are not possible with a shell", **_of_surfaces("are", "need")},
-    "paired contact": _of_surfaces("is", "needs"),
+    "paired contact": {
+        **_of_surfaces("is", "needs"),
+        "sensitivities": "is not possible with 'sensitivities', which do not follow a rigid obstacle",
+    },
+    "slip history": {"sensitivities": HISTORY},
     "friction": {
         "arc length": "is not possible with 'strategy: arc-length', which may return to smaller loads: leave it out"
     },

@@ -194,7 +194,8 @@ def _sensitivities(sensitivities: Mapping[str, Any] | None, symbols: Mapping[str
     """Return lines on the derivatives by each parameter, and on the standard deviation of the shape."""
     if sensitivities is None:
         return []
-    lines, shapes = ["per SI unit of"], sensitivities.get("shapes") or {"": sensitivities["shape"]}
+    assumed = f", if {text}" if (text := sensitivities.get("assumption")) else ""
+    lines, shapes = [f"per SI unit of{assumed}"], sensitivities.get("shapes") or {"": sensitivities["shape"]}
     for key in sensitivities["parameters"]:
         slopes = [
             f"{name} {_value(entry['slopes'][key], digits=4)}" for name, entry in sensitivities["quantities"].items()

@@ -25,14 +25,14 @@ WRITERS = {
         *("set_load", "set_state", "set_values", "begin_path", "begin_line", "begin_unloaded", "end_path"),
         *("lift_rates", "lift_path_rates", "lift_region", "move_region", "set_numbers"),
         *("begin_contacts", "locate_contacts", "update_contacts", "halve_contact_update"),
-        *("begin_contact_step", "end_contact_step"),
+        *("begin_contact_step", "end_contact_step", "resume_contacts"),
     ),
 }
 """Classes with the methods that may write: a state is put, and a solver's system moves it."""
 CALLED_INSIDE = {
     "hpcinv.model.contacts.Contacts": (
         *("begin", "reset", "restore", "locate", "update", "halve_update"),
-        *("begin_step", "end_step"),
+        *("begin_step", "end_step", "resume"),
     ),
 }
 """Classes with methods that change a model, and that only these may call."""

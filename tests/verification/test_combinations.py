@@ -198,7 +198,7 @@ BY_SCHEMA = {
 """pairs that a section or the kind of the body refuses"""
 IMPLIED = {
     "interfaces": {"iterated contact"},
-    "friction": {"interfaces", "iterated contact"},
+    "friction": {"interfaces", "iterated contact", "slip history"},
     "rigid contact": {"iterated contact"},
     "paired contact": {"iterated contact", "friction"},
     "other strategies": {"arc length"},

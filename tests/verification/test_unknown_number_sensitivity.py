@@ -79,7 +79,7 @@ CHAMBER = {"windkessel": {"compliance": 0.5, "volume": 0.9, "pressure": -0.5}}
 
 
 @pytest.mark.parallel([2, 1])
-@pytest.mark.everyday("inverse-hole1", "forward-hole2", "inverse-hole5")
+@pytest.mark.everyday("inverse-hole1", "forward-hole2")
 @pytest.mark.parametrize(
     ("analysis", "hole"),
     [

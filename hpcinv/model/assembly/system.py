@@ -13,11 +13,13 @@ from petsc4py import PETSc
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.admissibility import Admissibility
 from hpcinv.model.assembly.tangent import Tangent, tangent_of
 from hpcinv.model.assembly.tangent_moduli import Term
+from hpcinv.model.contact_reports import SlipHistory
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.supports import Supports
 from hpcinv.model.weak_form import WeakForm
@@ -220,6 +222,10 @@ class System:
     def begin_contacts(self) -> None:
         """Begin a solve that finds pressures of contacts by iteration."""
         self.weak_form.contacts.begin()
+
+    def resume_contacts(self, histories: Sequence[SlipHistory | None], scales: Scales) -> None:
+        """Let slip of contacts go on from histories of a run before."""
+        self.weak_form.contacts.resume(histories, scales)
 
     def locate_contacts(self) -> None:
         """Let contacts find what is nearest to the present state."""

@@ -82,7 +82,7 @@ class DirectMethod(Method):
         """Put the state with which the solves begin; return the number of load cases on the way from there."""
         cases = self.equations.job.case_count
         self.equilibrium.system.begin_contacts()
-        self.equilibrium.system.weak_form.contacts.resume(start.slips, self.equations.scales)
+        self.equilibrium.system.resume_contacts(start.slips, self.equations.scales)
         if start.origin is not None:
             self.equations.put_fields(start.origin)
             self.equilibrium.begin_path()

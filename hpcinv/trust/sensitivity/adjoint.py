@@ -137,7 +137,11 @@ class _Adjoint(Linearised):
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             whole = b.array.copy()
             equations.supports.free(b.array)
-            solve(system, equilibrium.linear, b, x, is_transposed=True)
+            by_contact: Floats | float = 0.0
+            if self._weak_form.contacts.pairs:
+                by_contact = self._settled(equilibrium).solve_transposed(b, x)
+            else:
+                solve(system, equilibrium.linear, b, x, is_transposed=True)
             equations.supports.free(x.array)
             adjoint.x.array[: len(x.array)] = -x.array
             adjoint.x.scatter_forward()
@@ -147,7 +151,7 @@ class _Adjoint(Linearised):
                 with held.localForm() as local:
                     local.array[:] = self._work.by_state()
                 held.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-                by_held[: len(whole)] = whole + held.array
+                by_held[: len(whole)] = whole + held.array - by_contact
                 held.destroy()
             b.destroy()
             x.destroy()

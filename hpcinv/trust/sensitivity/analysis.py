@@ -39,6 +39,7 @@ from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.parameters import ParameterDirection
+from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
@@ -83,13 +84,13 @@ def sensitivities(
     Raises:
         SolveError: on all ranks, if the tangent at the solution is singular.
     """
-    body, changes, numbers = equations.body, dict[str, Change](), tied_parameters(parameters)
+    body, numbers = equations.body, tied_parameters(parameters)
     equations.put(solution.moved_to(body.given_nodes))
     with equations.timings("sensitivities"):
         references = _references(equations, numbers, first, mesh)
         prescribed = {p.key: _prescribed(equations, p) for p in numbers if _is_motion(p, equations.job)}
         equations.put(solution)
-        changes = _changes(equations, solution, numbers, references, prescribed)
+        changes, assumption = _changes(equations, solution, numbers, references, prescribed)
         quantity_slopes = {
             name: _summed(parameters, key_slopes)
             for name, key_slopes in slopes(equations, solution, [(p, changes[p.key]) for p in numbers]).items()
@@ -109,6 +110,7 @@ def sensitivities(
         deviations={name: deviation_of(parameters, key_slopes) for name, key_slopes in quantity_slopes.items()},
         deviation=deviation,
         deviation_at=point,
+        assumption=assumption,
     )
 
 
@@ -178,13 +180,18 @@ def _changes(
     parameters: Sequence[Parameter],
     references: Mapping[str, ReferenceChange],
     prescribed: Mapping[str, Sequence[Floats]],
-) -> dict[str, Change]:
-    """Return derivatives of the solution and of the parameters of the weak form, by the key of the job's parameter."""
+) -> tuple[dict[str, Change], str]:
+    """Return derivatives of the solution and of the parameters of the weak form, by the key of the job's parameter.
+
+    Returns:
+        Also what they assume of contacts, in words; empty without any.
+    """
     weak_form = equations.weak_form(solution.direction)
     equilibrium = equations.equilibrium(weak_form)
     system = equilibrium.system
     system.set_load(1.0)
-    numbers = FollowedNumbers(equations, solution, equilibrium)
+    followed = on_demand("settled contacts") if weak_form.contacts.pairs else FollowedNumbers
+    numbers: FollowedNumbers = followed(equations, solution, equilibrium)
     position, b, x = system.position(), system.rhs.duplicate(), system.rhs.duplicate()
     changes: dict[str, Change] = {}
     for parameter in parameters:
@@ -203,7 +210,7 @@ def _changes(
     for vector in (position, b, x):
         vector.destroy()
     equations.release(equilibrium)
-    return changes
+    return changes, numbers.assumption
 
 
 def _explicit(

@@ -25,10 +25,13 @@ class FollowedNumbers:
 
     Attributes:
         count: number of them, and of their equations.
+        assumption: of derivatives on contacts, in words; empty without any.
 
     Raises:
         SolveError: on all ranks, if the tangent is singular.
     """
+
+    assumption = ""
 
     def __init__(self, equations: Equations, solution: Solution, equilibrium: Equilibrium) -> None:
         self._solution = solution

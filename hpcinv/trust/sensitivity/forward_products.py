@@ -152,7 +152,10 @@ class _Along(Linearised):
             equations.supports.free(b.array)
             b.scale(-1.0)
             b.array[:] += held[: len(b.array)]
-            solve(system, equilibrium.linear, b, x, is_transposed=False)
+            if self._weak_form.contacts.pairs:
+                self._settled(equilibrium).solve(b, np.zeros(0), x)
+            else:
+                solve(system, equilibrium.linear, b, x, is_transposed=False)
             found = fem.Function(self._unknowns.space)
             found.x.array[: len(x.array)] = x.array
             found.x.scatter_forward()

@@ -9,14 +9,17 @@ from weakref import ref
 import numpy as np
 
 from hpcinv.errors import JobError
+from hpcinv.job.combinations import HISTORY, has_history
 from hpcinv.job.job import Job
 from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh.cells import LayerDegree
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
+from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.equilibrium import Equilibrium
 from hpcinv.trust.sensitivity.analysis import moves_nodes, node_rates
 from hpcinv.trust.sensitivity.field_parameters import FieldParameter, field_parameter
 from hpcinv.trust.sensitivity.point_maps import PointMaps
@@ -32,8 +35,10 @@ def refusal(job: Job, solution: Solution) -> str:
     """Return why a solution has no derivatives by products; empty if it has."""
     if job.states:
         return "jobs with 'states' are not supported; run the states one by one"
-    if job.all_interfaces or not job.has_derivatives:
-        return "bodies in contact are not supported"
+    if not job.has_derivatives or len(job.all_interfaces) > len(job.interfaces):
+        return "bodies in contact with a rigid obstacle are not supported"
+    if has_history(job):
+        return f"friction {HISTORY}"
     if solution.constraints:
         return "jobs with unknown numbers of loads or supports are not supported; give these numbers"
     return ""
@@ -69,6 +74,16 @@ class Linearised:
         if kept is None or not (kept[0]() is system and kept[1]() is self._solution and kept[2] == system.tangents):
             system.tangent()
             self._weak_form.derived["tangent"] = ref(system), ref(self._solution), system.tangents
+
+    def _settled(self, equilibrium: Equilibrium) -> Any:
+        """Return the tangent with the equations of interfaces, as the last time if that was at this solution."""
+        kept = self._weak_form.derived.get("settled contacts")
+        if kept is None or kept[0]() is not self._solution:
+            if kept is not None:
+                kept[1].destroy()
+            kept = ref(self._solution), on_demand("settled contacts")(self._equations, self._solution, equilibrium)
+            self._weak_form.derived["settled contacts"] = kept
+        return kept[1]
 
     def _error(self, text: str) -> JobError:
         where = self._job.path or "job"
@@ -134,6 +149,8 @@ class Linearised:
         return FieldParameter.of_number(parameter, self._equations, self._weak_form, self.maps)
 
     def _fault_of_nodes(self) -> str:
+        if self._job.interfaces:
+            return "derivatives by nodes are not supported with interfaces, whose surfaces they would move"
         if self._equations.supports.slides:
             return "derivatives by nodes are not supported with supports that slide: hold axes ('fix: [x]') instead"
         if any(family.rule is not None for family in self._job.fibres.values() if hasattr(family, "rule")):

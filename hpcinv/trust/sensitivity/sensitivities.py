@@ -43,6 +43,7 @@ class Sensitivities:
         deviation_at: position (m) of that node in the body on whose mesh was solved.
         shapes: the same of each solve by itself, by the state whose shape it computes; the other attributes but
             ``slopes`` and ``deviations`` are then the first solve's.
+        assumption: on contacts, in words; empty without any.
     """
 
     parameters: Sequence[Parameter]
@@ -54,9 +55,12 @@ class Sensitivities:
     deviation: float | None
     deviation_at: list[float] | None
     shapes: Mapping[str, Sensitivities] = field(default_factory=dict)
+    assumption: str = ""
 
     def as_data(self) -> dict[str, Any]:
         """Return JSON data, without the fields."""
+        shapes = {name: sensitivities._shape() for name, sensitivities in self.shapes.items()}
+        further = {"shapes": shapes, "assumption": self.assumption}
         return {
             "parameters": {p.key: {"value": p.value, "sd": p.deviation} | p.tied_keys for p in self.parameters},
             "quantities": {
@@ -64,11 +68,7 @@ class Sensitivities:
                 for name, key_slopes in self.slopes.items()
             },
             "shape": self._shape(),
-        } | (
-            {"shapes": {name: sensitivities._shape() for name, sensitivities in self.shapes.items()}}
-            if self.shapes
-            else {}
-        )
+        } | {name: value for name, value in further.items() if value}
 
     def _shape(self) -> dict[str, Any]:
         return {"largest": dict(self.shape), "sd": self.deviation, "sd_at": self.deviation_at}
