@@ -264,7 +264,7 @@ class FileJob:
         """Return the support of a region that one node moves; ``None`` if there is no such region."""
         region = self._region(rigid.region, rigid.of)
         if 2 not in self._dims(region):
-            self._deck.unused.append(f"*COUPLING or *RIGID BODY of '{rigid.region}', which has no facet")
+            self._deck.unused.append(f"a rigid region '{rigid.region}', which has no facet")
             return None
         return {"region": region, **self._with_units(rigid.section)}
 

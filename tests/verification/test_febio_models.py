@@ -40,6 +40,8 @@ BODY: dict[str, Any] = {
     "output": {"mesh": ["msh"], "fields": False},
 }
 
+REMOTE = {"force": [0.02, 0, 0.1], "moment": [1e-3, 4e-3, -2e-3], "about": [0.05, 0.06, 0.25]}
+
 
 def body(hexahedra: bool = False, degree: int = 1) -> LoadedBody:
     mesh = block(MESHES, hexahedra, degree)
@@ -58,14 +60,17 @@ def test_a_model_that_is_read_back_loads_the_rest_shape_into_the_given_body(
     mesh = BODY["mesh"] | {"parameters": BODY["mesh"]["parameters"] | {"hexahedra": hexahedra}}
     mesh |= {"geometry_degree": degree}
     run, model, back = tmp_path / "run", tmp_path / "part.feb", tmp_path / "back.yaml"
-    given_job = job(**BODY | {"mesh": mesh, "discretisation": spaces})
+    supports = BODY["supports"] if degree == 2 else [BODY["supports"][0], {"region": "z1", "remote": REMOTE}]
+    given_job = job(**BODY | {"mesh": mesh, "discretisation": spaces, "supports": supports})
     given = hpcinv.run(given_job, MPI.COMM_SELF, directory=run, progress=False)
     assert main(["export", str(run), "--deck", str(model), "--unit", "mm"]) == 0
     assert main(["new", "job", "--from", str(model), "--unit", "mm", "--stress-unit", "MPa", str(back)]) == 0
     text = back.read_text()
     assert "Not taken from the file" not in text
     again = load(back).with_({"discretisation": spaces, "certificate": "off"})
-    assert {(s.region, tuple(sorted(s.held))) for s in again.supports} == {("z0", ("x", "y", "z")), ("z1", ("x",))}
+    held = ("x", "y", "z") if degree == 1 else ("x",)
+    assert {(s.region, tuple(sorted(s.held))) for s in again.supports} == {("z0", ("x", "y", "z")), ("z1", held)}
+    assert [s.remote is not None for s in again.supports] == [False, degree == 1]
     assert [type(effect).__name__ for effect in again.effects].count("Traction") == 2
     loaded = hpcinv.run(again, MPI.COMM_SELF, progress=False)
     np.testing.assert_allclose(loaded.given_in_file, given.shape_in_file, rtol=0, atol=1e-9)

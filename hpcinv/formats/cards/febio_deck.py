@@ -16,10 +16,11 @@ from hpcinv.formats.cards.deck import Deck, Measure, NodalForces
 from hpcinv.formats.cards.entry import vector
 from hpcinv.formats.cards.febio import root_of
 from hpcinv.formats.cards.febio_curves import LoadCurves
+from hpcinv.formats.cards.febio_rigid import Planes, RigidRegions
 from hpcinv.job.body_kinds import SOLID
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
-_WITHOUT_EFFECT = ("Output", "Import", "Step", "MeshData")  # the last step is read; data, where they are used
+_WITHOUT_EFFECT = ("Output", "Import", "Step", "MeshData", "Rigid")  # the last step is read; data, where they are used
 _AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
 _KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
 _OPTIONS = frozenset(
@@ -30,6 +31,7 @@ _OPTIONS = frozenset(
 _ATTRIBUTES = frozenset({"name", "type", "node_set", "surface", "elem_set", "bc", "lc", "id"})
 _SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
 _SIDES = {"shell_bottom": " below a shell"}  # options of loads that are not read, and what they say
+_CONSTRAINT = "linear constraint"
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
@@ -59,17 +61,37 @@ class _DeckReader:
 
     def deck(self) -> Deck:
         self._read_materials()
+        conditions, bodies = self._entries("Boundary"), self._entries("Rigid")
+        rigid = RigidRegions(self._root, conditions, bodies, self._factor)
+        self._deck.remotes += rigid.regions
         held: dict[tuple[str, str], dict[str, float]] = {}
-        for condition in self._entries("Boundary"):
-            self._read_condition(condition, held)
+        for condition in conditions:
+            if condition not in rigid.taken and condition.get("type") != _CONSTRAINT:
+                self._read_condition(condition, held)
         for (name, of), values in held.items():
             self._deck.support(name, values, of=of)
+        self._read_planes([entry for entry in conditions if entry.get("type") == _CONSTRAINT], held)
+        self._deck.unused += [f"<{e.tag} type='{e.get('type', '')}'>" for e in bodies if e not in rigid.taken]
         for load in self._entries("Loads"):
             self._read_load(load)
-        for entry in (*self._entries("Boundary"), *self._entries("Loads")):
-            self._list_options(entry)
+        for entry in (*conditions, *self._entries("Loads")):
+            if entry.get("type") not in (_CONSTRAINT, "rigid"):
+                self._list_options(entry)
         self._list_the_rest()
         return self._deck
+
+    def _read_planes(self, constraints: list[ET.Element], held: Mapping[tuple[str, str], Mapping[str, float]]) -> None:
+        """Add supports of node sets that slide in planes; list other constraints."""
+        fixed = [
+            ("xyz".index(axis), self._sets.get(name, frozenset()))
+            for (name, _), values in held.items()
+            for axis, value in values.items()
+            if not value
+        ]
+        planes = Planes(constraints, fixed, self._sets)
+        self._deck.supports += planes.supports
+        if left := len(constraints) - len(planes.taken):
+            self._deck.unused.append(f"<bc type='{_CONSTRAINT}'> ({left:,})")
 
     def _entries(self, section: str) -> list[ET.Element]:
         """Return the entries of a section, and of the last step."""
