@@ -259,12 +259,12 @@ def test_what_a_deck_cannot_say_is_refused_with_its_places(tmp_path: Path) -> No
 def test_regions_by_conditions_are_those_of_the_given_body(tmp_path: Path) -> None:
     """The bodies hang aslant: on the rest shape the conditions choose other facets or none.
 
-    A modulus and the density have one value in each region.
+    A modulus, the density and a pressure have one value in each region.
     """
     gravity, *others = BODY["effects"]
     regions = {"low": "z <= 0.1001 m", "held": "nz < -0.99", "side": "x < 1e-6 m"}
     heavy = gravity | {"density": {"low": 700, "elsewhere": 1200}}
-    loads = [heavy, *others, {"effect": "pressure", "region": "side", "pressure": 200}]
+    loads = [heavy, *others, {"effect": "pressure", "region": "side", "pressure": {"low": 100, "elsewhere": 300}}]
     supports = [{"region": "held", "fix": ["x", "y", "z"]}]
     law = BODY["material"] | {"mu": {"low": BODY["material"]["mu"], "elsewhere": 2e4}}
     run = solved(tmp_path, regions=regions, material=law, effects=loads, supports=supports)

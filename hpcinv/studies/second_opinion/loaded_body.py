@@ -33,6 +33,7 @@ from hpcinv.studies.second_opinion.remote_regions import RemoteRegion, remote_re
 from hpcinv.studies.second_opinion.shell_parts import unwritten_of_shells
 from hpcinv.studies.second_opinion.slides import Slide, slide_of
 from hpcinv.studies.second_opinion.state_shapes import shapes_of, unwritten_of_other_states
+from hpcinv.studies.second_opinion.uniform_loads import uniform_loads
 from hpcinv.studies.second_opinion.uniform_parts import CellValues, with_uniform_parts
 
 _ON_SURFACE = "held along the normals of the loaded body, by the displacement that the run found"
@@ -75,6 +76,7 @@ class LoadedBody:
         is_mixed: whether its pressure is an unknown.
         density: of the rest body, kg/m³; 0 without weight. The largest of ``densities``, if there are some.
         densities: of the rest body, kg/m³, by region as ``laws``; empty if it is the same everywhere.
+        cell_values: of fields in the job.
         acceleration: (3,), m/s².
         notes: what a reader should know of how the job is said.
     """
@@ -98,6 +100,7 @@ class LoadedBody:
     is_mixed: bool = False
     density: float = 0.0
     densities: Mapping[str, float] = field(default_factory=dict)
+    cell_values: CellValues | None = None
     acceleration: Floats = field(default_factory=lambda: np.zeros(3))
     notes: list[str] = field(default_factory=list)
 
@@ -143,9 +146,10 @@ def loaded_body(
     rest, vertices = with_job_regions(rest, given, job)
     laws = {where.removeprefix("material").removeprefix("."): law for where, law in job.laws.items()}
     density = _varying_density(run, job.effects)
-    rest, laws, densities = with_uniform_parts(laws, density, CellValues(rest, given.data, job))
+    values = CellValues(rest, given.data, job)
+    rest, laws, densities = with_uniform_parts(laws, density, values)
     body = LoadedBody(name=job.job, rest=rest, loaded=loaded.points, laws=laws, forces=np.zeros_like(rest.points))
-    body.densities, body.vertices = densities, vertices
+    body.densities, body.vertices, body.cell_values = densities, vertices, values
     body.fibres = dict(constant_directions(job.fibres))
     if "fibre fields" in abilities:
         fields = directions_in_cells(job, rest, loaded)
@@ -234,17 +238,27 @@ def add_loads(body: LoadedBody, effects: Iterable[Effect], writers: Writers | No
     Args:
         writers: what adds an effect and may return why it cannot, by its class; by default `WRITERS`.
     """
-    for number, effect in enumerate(effects):
-        place, write = f"effects[{number}]", (WRITERS if writers is None else writers).get(type(effect))
+    for number, whole in enumerate(effects):
+        place, write = f"effects[{number}]", (WRITERS if writers is None else writers).get(type(whole))
         if write is None:
-            yield f"{place}: '{effect.effect}' has no counterpart"  # type: ignore[attr-defined]
-        elif effect.is_unknown or not all(
-            is_uniform(value) or (name == "density" and body.densities)
-            for name, (value, _) in effect.quantities().items()
-        ):
-            yield f"{place}: '{effect.effect}' has a number that varies, or that the run found"  # type: ignore[attr-defined]
-        elif reason := write(body, effect, place):
-            yield f"{place}: {reason}"
+            yield f"{place}: '{whole.effect}' has no counterpart"  # type: ignore[attr-defined]
+            continue
+        parts = [whole]
+        if body.cell_values is not None:
+            body.rest, parts = uniform_loads(whole, body.rest, body.cell_values)
+        for effect in parts:
+            if not _has_numbers(effect, body):
+                yield f"{place}: '{effect.effect}' has a number that varies, or that the run found"  # type: ignore[attr-defined]
+            elif reason := write(body, effect, place):
+                yield f"{place}: {reason}"
+
+
+def _has_numbers(effect: Effect, body: LoadedBody) -> bool:
+    """Return whether a load has known numbers, the same everywhere; the density may be of a region."""
+    quantities = effect.quantities().items()
+    return not effect.is_unknown and all(
+        is_uniform(value) or (name == "density" and bool(body.densities)) for name, (value, _) in quantities
+    )
 
 
 def _add_pressure(body: LoadedBody, effect: Any, place: str) -> None:

@@ -15,7 +15,7 @@ from hpcinv.mesh.source import DataArray, Floats, Group, Ints, MeshSource, disti
 from hpcinv.physics.materials import MaterialLaw
 from hpcinv.studies.second_opinion.regions import group_of
 
-_MOST = 1000
+MOST_PARTS = 1000
 """Parts of a body. Raised, decks become slow to write and to read."""
 
 
@@ -108,12 +108,12 @@ def _parts(law: MaterialLaw, density: Field | None, cells: Ints, values: CellVal
         yield Part(law, cells)
         return
     rows, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-    if len(rows) > _MOST:
+    if len(rows) > MOST_PARTS:
         yield Part(law, cells)
         return
     for number, row in enumerate(rows.tolist()):
         numbers = iter(row)
-        changes = {name: _with_numbers(value, numbers) for name, value in quantities.items() if _varies(value)}
+        changes = {name: with_numbers(value, numbers) for name, value in quantities.items() if _varies(value)}
         own = law.model_copy(update=changes) if changes else law
         yield Part(own, cells[which.ravel() == number], None if density is None else next(numbers))
 
@@ -122,10 +122,10 @@ def _varies(value: Any) -> bool:
     return any(isinstance(entry, Field) for entry in entries(value))
 
 
-def _with_numbers(value: Any, numbers: Iterator[float]) -> Any:
+def with_numbers(value: Any, numbers: Iterator[float]) -> Any:
     """Return a quantity, or a tuple, with the next numbers instead of its fields."""
     if isinstance(value, tuple):
-        return tuple(_with_numbers(entry, numbers) for entry in value)
+        return tuple(with_numbers(entry, numbers) for entry in value)
     return next(numbers) if isinstance(value, Field) else value
 
 
