@@ -72,7 +72,8 @@ def add_run(commands: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     def read() -> tuple[Job, RunDirectory]:
-        job = _with_options(load(options.job), options)
+        with paused_collection():
+            job = _with_options(load(options.job), options)
         directory = choose(options.output, job, overwrite=options.overwrite)
         directory.check_free(overwrite=options.overwrite)
         return job, directory

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.base.files.untrusted import add_option
+from hpcinv.base.parallel.imports import paused_collection
 from hpcinv.base.quantity.schema import Spec
 from hpcinv.cli.help import add_command
 from hpcinv.errors import HpcinvError
@@ -88,7 +89,8 @@ def _load(path: Path) -> object:
         from hpcinv.studies.sweep.sweep_plan import load_sweep
 
         return load_sweep(path)
-    return load(path)
+    with paused_collection():
+        return load(path)
 
 
 def _schema(options: argparse.Namespace) -> int:

@@ -73,6 +73,7 @@ OWN = {
     "output/console.py: proc / str(process) / 'cmdline'": "of the system",
     "output/console.py: proc / str(process) / 'stat'": "of the system",
     "studies/sweep/reduced_basis.py: path / 'start.json'": "'solver.start' is refused in untrusted jobs",
+    "base/quantity/plugins.py: Path(entry.path) / 'entry_points.txt'": "of the installation",
     "base/parallel/adios.py: 'libadios2_cxx_mpi.so.2.12'": "of the installation",
     "base/parallel/available_memory.py: _MEMINFO": "of the system",
     "base/parallel/available_memory.py: group / 'memory.current'": "of the system",

@@ -6,12 +6,15 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 from hpcinv.job.body_kinds import KINDS
 from hpcinv.on_demand import FUNCTIONS, on_demand
+from hpcinv.physics.effects import effects
+from hpcinv.physics.materials import laws
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -118,8 +121,17 @@ def foreign_packages(modules: set[str]) -> set[str]:
     return {name for name in names if not name.startswith("_")}
 
 
+def members(package: str, names: Iterable[str], modules: set[str]) -> set[str]:
+    """Names of the laws or effects whose modules are among those that were imported."""
+    return {name for name in names if f"{package}.{name.replace('-', '_')}" in modules}
+
+
 def test_validate_imports_no_more_than_it_needs(tmp_path: Path) -> None:
     modules = imported_modules(tmp_path, "validate", str(JOBS / "single-tetrahedron.yaml"))
+    law = {"neo-hookean", "isochoric-neo-hookean"}  # the second is named by the first
+    assert members("hpcinv.physics.materials", laws(), modules) == law
+    in_rules = {"contact", "pressure"}
+    assert members("hpcinv.physics.effects", effects(), modules) == {"gravity", *in_rules}
     assert foreign_packages(modules) == JOB_PACKAGES
     assert not UNNEEDED_BY_A_JOB & modules
     assert {name for name in modules if name.startswith("hpcinv.cli.")} <= {"hpcinv.cli.help", "hpcinv.cli.validate"}

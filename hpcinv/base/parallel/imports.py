@@ -8,7 +8,6 @@ import traceback
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import metadata
 
 from hpcinv.errors import SystemPartMissing
 
@@ -75,6 +74,8 @@ def _package(error: ImportError) -> str:
 
 def extra_with(package: str) -> str:
     """Return the smallest extra of hpcinv that installs a package; empty if none does, or hpcinv is not installed."""
+    from importlib import metadata  # takes as long as a twentieth of the check of a job
+
     name = {"pxr": "usd-core", "vtkmodules": "vtk"}.get(package, package).lower()
     try:
         requirements = metadata.requires("hpcinv") or []

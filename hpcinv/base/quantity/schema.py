@@ -281,7 +281,8 @@ class OneOf:
             return data
         if not isinstance(data, Mapping):
             raise ValueError(f"must be a mapping with the key '{self.tag}', not {shown(data)}")
-        members, name = _members(family, self.tag), data.get(self.tag)
+        name = data.get(self.tag)
+        members = _members_with(family, self.tag, name)
         if not isinstance(name, str) or name not in members:
             fault = "is needed." if name is None else f"unknown {self.tag} {shown(name)}."
             raise Problems(((self.tag,), fault + did_you_mean(str(name), members)))
@@ -309,7 +310,42 @@ def members_of(family: type[Spec], tag: str) -> dict[str, type[Any]]:
     Raises:
         ValueError: two subclasses have the same value.
     """
+    if family in _PACKAGES:
+        _import_members(_PACKAGES[family])
     return dict(_members(family, tag))
+
+
+_PACKAGES: dict[type[Any], str] = {}
+"""packages whose modules define the members of families"""
+
+
+def define_in(package: str, family: type[Spec]) -> None:
+    """Let the members of a family be imported from the modules of a package when they are asked for.
+
+    A member is best in a module of its name, with ``_`` instead of ``-``; else all modules are imported to find it.
+    """
+    _PACKAGES[family] = package
+
+
+def _members_with(family: type[Spec], tag: str, name: object) -> Mapping[str, type[Any]]:
+    """Return the members of a family that are imported: the one of a name, or all if there is none."""
+    package = _PACKAGES.get(family, "")
+    if package and isinstance(name, str) and name.replace("-", "_") in _modules_of(package):
+        importlib.import_module(f"{package}.{name.replace('-', '_')}")
+    members = _members(family, tag)
+    is_member = isinstance(name, str) and name in members
+    return members if is_member or not package else members_of(family, tag)
+
+
+@cache
+def _modules_of(package: str) -> frozenset[str]:
+    path = importlib.import_module(package).__path__
+    return frozenset(module.name for module in pkgutil.iter_modules(path))
+
+
+@cache
+def _import_members(package: str) -> None:
+    import_modules(package, importlib.import_module(package).__path__)
 
 
 @cache  # until a subclass is defined; a class of which nothing else is left disappears

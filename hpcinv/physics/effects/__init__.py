@@ -3,10 +3,10 @@
 from typing import Annotated
 
 from hpcinv.base.quantity.plugins import load_installed
-from hpcinv.base.quantity.schema import OneOf, import_modules, members_of
+from hpcinv.base.quantity.schema import OneOf, define_in, members_of
 from hpcinv.physics.effects.effect import Direction, Effect
 
-import_modules(__name__, __path__)
+define_in(__name__, Effect)
 
 AnyEffect = Annotated[Effect, OneOf("effect")]
 

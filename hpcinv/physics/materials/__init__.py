@@ -8,10 +8,10 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from hpcinv.base.quantity.plugins import load_installed
-from hpcinv.base.quantity.schema import KeyPath, OneOf, collected, import_modules, members_of, raise_if_any
+from hpcinv.base.quantity.schema import KeyPath, OneOf, collected, define_in, members_of, raise_if_any
 from hpcinv.physics.materials.material_law import MaterialLaw
 
-import_modules(__name__, __path__)
+define_in(__name__, MaterialLaw)
 
 
 class OneOrByRegion(OneOf):
