@@ -73,7 +73,8 @@ def add_export(commands: Any) -> None:
     export.add_argument(
         "--shape",
         default="undeformed",
-        help="undeformed (default), deformed, or the name of a state of the job; with --deck, the state that is loaded",
+        help="undeformed (default), deformed, or the name of a state of the job; with --deck, the state that is loaded,"
+        " in .inp also several as steps: worn,pulled",
     )
     export.add_argument("--region", help="only the cells of this region (physical group)")
     export.add_argument("--unit", default="mm", help="of the coordinates in the files (default: mm)")
@@ -180,8 +181,11 @@ def _export_deck(options: argparse.Namespace, unit: float) -> int:
     if options.program and suffix != ".inp":
         raise OutputError(f"--for {options.program}: is for decks whose name ends with .inp")
     form = DECKS[suffix]
-    state = "" if options.shape == "undeformed" else options.shape
+    state, *more = ("" if options.shape == "undeformed" else options.shape).split(",")
+    if more and suffix != ".inp":
+        raise OutputError(f"--shape {options.shape}: only decks of CalculiX and Abaqus (.inp) have several states")
     body = loaded_body(options.run, form.loads, form.abilities, state)
+    body.steps += [loaded_body(options.run, form.loads, form.abilities, name) for name in more]
     units = Units(unit, force_unit(options.force_unit))
     deck = form.write(options.deck, body, units, **({"program": options.program} if options.program else {}))
     print(f"{options.deck}: {len(deck.nodes):,} nodes, {deck.element}, in {options.force_unit} and {options.unit}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
+import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -224,15 +226,15 @@ def test_parameters_by_cell_and_densities_by_region_are_parts() -> None:
 
 
 def test_a_state_of_a_job_is_written_and_read_back(tmp_path: Path) -> None:
-    """With oblique planes that meet in an edge, which are equations there."""
+    """With oblique planes that meet in an edge, which are equations there; and both states as steps for CalculiX."""
     gravity = {"effect": "gravity", "acceleration": [0, 1, -2], "density": 1000}
     pull = {"effect": "traction", "region": "z1", "traction": [100, 0, 150], "area_in": "reference"}
-    size = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 1, "hexahedra": True}
+    size = {"lx": 0.1, "ly": 0.1, "lz": 0.2, "nx": 1, "ny": 1, "nz": 1}
     states = [{"name": "worn", "given": True, "effects": [gravity]}, {"name": "pulled", "effects": [gravity, pull]}]
     run = tmp_path / "run"
     sections = {
         "mesh": {"file": "../meshes/box.py", "parameters": size},
-        "material": {"law": "neo-hookean", "mu": 1e4, "lam": 2e4},
+        "material": {"law": "isochoric-neo-hookean", "mu": 1e4, "kappa": 4e4},
         "discretisation": {"displacement": 1, "formulation": "displacement"},
         "supports": [
             {"region": "z0", "fix": ["x", "y", "z"]},
@@ -250,6 +252,18 @@ def test_a_state_of_a_job_is_written_and_read_back(tmp_path: Path) -> None:
     found = hpcinv.run(again, MPI.COMM_SELF, progress=False)
     np.testing.assert_allclose(found.shape_in_file, read_shape(run, "pulled").points, rtol=0, atol=1e-7)
     assert np.allclose(loaded_body(run, abilities=["slides"], state="").loaded, read_shape(run, "worn").points)
+    deck = tmp_path / "part.inp"
+    options = ["--unit", "mm", "--force-unit", "uN", "--shape"]
+    assert main(["export", str(run), "--deck", str(deck), *options, "worn,pulled"]) == 0
+    assert main(["export", str(run), "--deck", str(tmp_path / "part.cdb"), *options, "worn,pulled"]) == 2
+    if shutil.which("ccx"):
+        subprocess.run(["ccx", "part"], cwd=tmp_path, stdout=subprocess.DEVNULL, check=True)
+        blocks = deck.with_suffix(".dat").read_text().split("displacements")[1:]
+        for block_of_step, name in zip(blocks, ("part-expected.csv", "part-expected-2.csv"), strict=True):
+            rows = [line.split() for line in block_of_step.splitlines() if len(line.split()) == 4]
+            expected = np.loadtxt(tmp_path / name, delimiter=",", skiprows=1)
+            moved = expected[:, 4:] - expected[:, 1:4]
+            np.testing.assert_allclose(np.array(rows, dtype=float)[:, 1:], moved, atol=1e-4 * np.abs(moved).max())
     with pytest.raises(OutputError, match="--shape rest: is not a loaded state"):
         loaded_body(run, state="rest")
     with pytest.raises(OutputError, match="states: a deck has one state"):

@@ -6,7 +6,7 @@ import csv
 import io
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -33,6 +33,7 @@ from hpcinv.studies.second_opinion.calculix_heat import (
     last_temperature,
 )
 from hpcinv.studies.second_opinion.calculix_springs import spring_lines
+from hpcinv.studies.second_opinion.calculix_steps import check_steps, later_path, without_earlier_loads
 from hpcinv.studies.second_opinion.calculix_units import coarse_residual
 from hpcinv.studies.second_opinion.loaded_body import WRITERS, Ability, LoadedBody, Writers, add_foundation
 from hpcinv.studies.second_opinion.units import Units
@@ -69,6 +70,8 @@ class Deck:
 def write_deck(path: Path, body: LoadedBody, units: Units, program: Program = "calculix") -> Deck:
     """Write a deck, and next to it NAME-expected.csv with the place of each node in both bodies.
 
+    Further steps of the body have NAME-expected-2.csv and so on.
+
     Args:
         units: of its numbers.
         program: that reads it.
@@ -94,12 +97,18 @@ def write_deck(path: Path, body: LoadedBody, units: Units, program: Program = "c
     deck = Deck(nodes, mesh.node_tags[nodes], element)
     if program == "calculix":
         body.notes += [f"{remote.place}: {MOMENT_NOTE}" for remote in body.remotes if remote.moment.any()]
+    check_steps(body)
     posed = _Posed(body, mesh, elements, deck, Frames(body), units, program)
     heed_limits(body, units, program)
     lines = [text, *_model(posed), *_step(posed)]
+    for later in body.steps:
+        lines += _step(replace(posed, body=later), is_first=False)
     advice = "Is the directory there, and writable?"
     write_output(path, "".join(lines).encode(), advice)
-    write_output(expected_path(path), expected_table(body, deck, units).encode(), advice)
+    table = expected_path(path)
+    write_output(table, expected_table(body, deck, units).encode(), advice)
+    for number_of, later in enumerate(body.steps, 2):
+        write_output(later_path(table, number_of), expected_table(later, deck, units).encode(), advice)
     return deck
 
 
@@ -202,10 +211,11 @@ def _held(posed: _Posed, *, moved: bool) -> Iterator[str]:
         yield from ("*BOUNDARY\n", *lines)
 
 
-def _step(posed: _Posed) -> Iterator[str]:
-    """Yield the step, with what is moved, loads and output."""
+def _step(posed: _Posed, *, is_first: bool = True) -> Iterator[str]:
+    """Yield a step, with what is moved, loads and output."""
     body = posed.body
     yield from step_head(posed.program)
+    yield from () if is_first else without_earlier_loads()
     yield from _held(posed, moved=True)
     yield from last_temperature(body, NODES)
     yield from weight_lines(body, posed.units)

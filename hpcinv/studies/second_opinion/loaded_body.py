@@ -78,6 +78,7 @@ class LoadedBody:
         densities: of the rest body, kg/m³, by region as ``laws``; empty if it is the same everywhere.
         cell_values: of fields in the job.
         acceleration: (3,), m/s².
+        steps: further states of the same body, which are loaded after this one; for programs that have them.
         notes: what a reader should know of how the job is said.
     """
 
@@ -102,6 +103,7 @@ class LoadedBody:
     densities: Mapping[str, float] = field(default_factory=dict)
     cell_values: CellValues | None = None
     acceleration: Floats = field(default_factory=lambda: np.zeros(3))
+    steps: list[LoadedBody] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
