@@ -107,6 +107,31 @@ def test_a_dragged_block_loses_friction_times_its_way(comm: MPI.Intracomm, first
 
 
 @pytest.mark.release
+@pytest.mark.parallel([3, 1])
+@pytest.mark.parametrize(
+    ("discretisation", "hexahedra"),
+    [({"displacement": 2}, False), ({"displacement": 2, "formulation": "mixed"}, True)],
+    ids=["quadratic", "mixed"],
+)
+def test_quadratic_and_mixed_blocks_lose_friction_times_their_way(
+    discretisation: dict[str, Any], hexahedra: bool, comm: MPI.Intracomm
+) -> None:
+    drag = [CLAMP, {"region": "z1", "displacement": [0.08, 0.06, None], "case": "drag"}]
+    push = traction(0, 0, -1e-3) | {"case": "press"}
+    data: dict[str, Any] = {"mesh": blocks(lower=2, upper=1, hexahedra=hexahedra), "discretisation": discretisation}
+    data |= {"effects": [push], "supports": drag, "load_cases": ["press", "drag"]}
+    if "formulation" in discretisation:
+        data["material"] = {"law": "neo-hookean", "mu": 1.0, "lam": 100.0}
+    (report,) = solved(comm, {"friction": FRICTION}, **data).solutions[0].contacts
+    force = np.array(report.force)
+    assert force[2] == pytest.approx(1e-3, rel=1e-9)
+    assert force[:2] == pytest.approx(-FRICTION * 1e-3 * np.array([0.8, 0.6]), rel=3e-2)
+    assert np.linalg.norm(force[:2]) == pytest.approx(FRICTION * 1e-3, rel=5e-3)
+    assert report.friction is not None
+    assert report.friction.energy_lost == pytest.approx(FRICTION * 1e-3 * 0.1, rel=1e-2)
+
+
+@pytest.mark.release
 def test_blocks_that_stick_are_tied(comm: MPI.Intracomm) -> None:
     data = {"mesh": blocks(lower=2, upper=2), "effects": [traction(0.01, 0.005, -0.1)]}
     sticks = solved(comm, {"friction": 2.0}, **data).solutions[0]

@@ -71,7 +71,7 @@ def test_a_block_on_a_ramp_above_the_angle_of_friction_finds_no_rest(comm: MPI.I
     assert "Whether friction can hold the body is not decided" in other.value.advice
 
 
-@pytest.mark.everyday("block")
+@pytest.mark.release
 @pytest.mark.parametrize("mover", ["block", "floor"])
 def test_dragging_loses_friction_times_the_way(mover: str, comm: MPI.Intracomm) -> None:
     """The block is pressed on at first, then block or floor is dragged by 10 cm."""
