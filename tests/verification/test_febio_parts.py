@@ -205,6 +205,27 @@ def test_fibres_that_vary_are_data_at_the_nodes_of_elements(
         assert vectors == pytest.approx(wanted / np.linalg.norm(wanted, axis=1)[:, None], abs=1e-12)
 
 
+@pytest.mark.parametrize("direction", ["inverse", "forward"])
+def test_fibres_by_a_rule_are_those_that_the_run_has_kept(direction: str) -> None:
+    """On the body that the run computed: at rest, or loaded and pulled back from there; data are on the given body."""
+    posed = body(2)
+    kept = np.random.default_rng(1).normal(size=(len(posed.rest.cells), 3))
+    array = {"fibres.fibre": DataArray("fibres.fibre", "cells", kept), "sheet": DataArray("sheet", "cells", kept)}
+    rule = {"kind": "tube", "inner": "x0", "outer": "x1", "inlet": "y0", "outlet": "y1", "helix": "30 deg"}
+    families = {
+        "fibre": FibreFamily.model_validate({"rule": rule, "given_on": "reference"}),
+        "other": FibreFamily.model_validate({"data": "sheet", "given_on": "current"}),
+    }
+    rest = dataclasses.replace(posed.rest, data=array)
+    loaded = dataclasses.replace(rest, points=posed.loaded)
+    found = dict(directions_in_cells(PartOfJob(families, (direction,)), rest, loaded))  # type: ignore[arg-type]
+    pulled = kept @ np.linalg.inv(STRETCH).T
+    for name, wanted in (("fibre", kept if direction == "inverse" else pulled), ("other", pulled)):
+        assert found[name][:, 0] == pytest.approx(wanted / np.linalg.norm(wanted, axis=1)[:, None], abs=1e-12)
+    with pytest.raises(OutputError, match=r"fibres.fibre: .* has no array 'fibre'"):
+        dict(directions_in_cells(PartOfJob(families, (direction,)), posed.rest, posed.rest))  # type: ignore[arg-type]
+
+
 def test_parameters_by_cell_and_densities_by_region_are_parts() -> None:
     """The values of the cells are not sorted; a group of the mesh that is a part keeps its name."""
     mesh = block(MESHES, False, 1)

@@ -36,6 +36,7 @@ from hpcinv.studies.second_opinion.state_shapes import shapes_of, unwritten_of_o
 from hpcinv.studies.second_opinion.uniform_loads import uniform_loads
 from hpcinv.studies.second_opinion.uniform_parts import CellValues, with_uniform_parts
 
+_IN_MIDDLE = "one direction in each cell, of its middle; the rule of the run has others within cells"
 _ON_SURFACE = "held along the normals of the loaded body, by the displacement that the run found"
 
 
@@ -156,6 +157,8 @@ def loaded_body(
     if "fibre fields" in abilities:
         fields = directions_in_cells(job, rest, loaded)
         body.fibre_fields = {name: vectors for name, vectors in fields if name not in body.fibres}
+        coarse = [name for name in body.fibre_fields if job.fibres[name].rule is not None]
+        body.notes += [f"fibres.{name}: {_IN_MIDDLE}" for name in coarse]
     body.is_mixed, spaces = job.is_mixed, job.discretisation
     body.quadrature = spaces.quadrature or default_quadrature(rest.kind, spaces.displacement)
     faults = [*_supports(body, job, abilities), *add_loads(body, job.effects, writers)]
