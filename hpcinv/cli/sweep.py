@@ -13,6 +13,7 @@ from hpcinv.errors import Interrupted, OutputError
 from hpcinv.studies.batch.ledger.holder import BEAT
 from hpcinv.studies.batch.ledger.liveness import LEASE
 from hpcinv.studies.batch.status import lines
+from hpcinv.studies.sweep.kept_plan import keep_plan
 from hpcinv.studies.sweep.results import outcomes, series_line, status_of
 from hpcinv.studies.sweep.sweep_batch import open_damaged, sweep_batch
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep, read_sweep
@@ -124,6 +125,7 @@ def _run(options: argparse.Namespace) -> int:
         plan = on_root(world, check)
 
         def begin() -> bool:
+            keep_plan(plan)
             if damaged := open_damaged(plan):
                 print(
                     f"  {damaged:,} × record damaged, or a file of the mesh has changed: the case is solved again",

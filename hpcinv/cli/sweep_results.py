@@ -19,8 +19,9 @@ from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.batch.outcomes import Outcome
 from hpcinv.studies.batch.status import DAMAGED, Status, show
+from hpcinv.studies.sweep.kept_plan import known_plan
 from hpcinv.studies.sweep.results import finished, outcomes, provenance, results, status_of
-from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
+from hpcinv.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     from hpcinv.studies.sweep.table import SweepTable
@@ -72,7 +73,7 @@ def add_results(action: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _status(options: argparse.Namespace) -> int:
-    plan = load_sweep(options.sweep)
+    plan = known_plan(options.sweep)
     ledger = plan.ledger
     known: dict[str, Outcome] = {}
 
@@ -86,7 +87,7 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _table(options: argparse.Namespace) -> int:
-    plan = load_sweep(options.sweep)
+    plan = known_plan(options.sweep)
     ledger = plan.ledger
 
     from hpcinv.studies.batch.tables import as_csv
@@ -104,7 +105,7 @@ def _table(options: argparse.Namespace) -> int:
 
 
 def _statistics(options: argparse.Namespace) -> int:
-    plan = load_sweep(options.sweep)
+    plan = known_plan(options.sweep)
 
     from hpcinv.studies.batch.tables import as_csv
     from hpcinv.studies.sweep.table import statistics
@@ -114,7 +115,7 @@ def _statistics(options: argparse.Namespace) -> int:
 
 
 def _indices(options: argparse.Namespace) -> int:
-    plan = load_sweep(options.sweep)
+    plan = known_plan(options.sweep)
     ledger = plan.ledger
 
     from hpcinv.studies.sweep import indices
@@ -152,7 +153,7 @@ def _indices(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    plan = load_sweep(options.sweep)
+    plan = known_plan(options.sweep)
     stem = options.output or _stem(plan, options.quantity, options.over)
 
     from hpcinv.studies.sweep.sweep_plot import plot

@@ -9,6 +9,8 @@ The option sets two environment variables, which all processes that a command st
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from hpcinv.errors import HpcinvError, JobError
@@ -39,6 +41,25 @@ def is_asked() -> bool:
     return value == "1"
 
 
+_noted: list[set[Path]] = []
+
+
+@contextmanager
+def files_noted() -> Iterator[set[Path]]:
+    """Context that notes the absolute paths of all files for which this door is asked in it."""
+    paths = set[Path]()
+    _noted.append(paths)
+    try:
+        yield paths
+    finally:
+        del _noted[next(i for i, other in enumerate(_noted) if other is paths)]
+
+
+def _note(path: Path) -> None:
+    for paths in _noted:
+        paths.add(path.absolute())
+
+
 def admitted(path: Path, named_in: Path | None = None) -> Path:
     """Return the path of a file that is about to be read.
 
@@ -48,6 +69,7 @@ def admitted(path: Path, named_in: Path | None = None) -> Path:
     Raises:
         Refused: with ``--untrusted``, if it is outside of what the user has named.
     """
+    _note(path)
     if not is_asked():
         return path
     if named_in is not None and (fault := path_fault(named_in.parent, os.path.relpath(path, named_in.parent))):
@@ -61,6 +83,7 @@ def admitted(path: Path, named_in: Path | None = None) -> Path:
 
 def trusted(path: Path) -> Path:
     """Return the path of a program, or of a file that can make a library execute one; ``Refused`` if that is asked."""
+    _note(path)
     if is_asked():
         raise Refused(path, f"can execute code, and is {REFUSED}; ask for one file of data, such as .msh or .vtu")
     return path

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Self, overload
 
 from hpcinv.studies.batch.axes import sections_first
 from hpcinv.studies.batch.points import CombinedPoints
@@ -60,6 +60,22 @@ class Labels[T]:
     def __getitem__(self, place: int) -> T:
         return self.distinct[self.column[place]]
 
+    def as_data(self) -> list[Any]:
+        """Return the column as JSON data."""
+        return [[*map(str, self.distinct)], self.column.tolist()]
+
+    @classmethod
+    def of_data(cls, label: Callable[[str], T], data: Sequence[Any]) -> Self:
+        """Return the column that `as_data` has returned; ``label`` makes a label of its text."""
+        labels = cls()
+        labels.distinct, labels.column = [*map(label, data[0])], array("l", data[1])
+        labels._numbers = {label: number for number, label in enumerate(labels.distinct)}
+        return labels
+
+
+type Found = tuple[str, str, tuple[float, ...], Path]
+"""key, reuse group, numbers and home of a case, as `Case` has them"""
+
 
 class Cases(Sequence[Case]):
     """The cases of a sweep in order; a slice is another view of the same columns.
@@ -84,6 +100,31 @@ class Cases(Sequence[Case]):
         self._numbers.extend(numbers)
         self._ends.append(len(self._numbers))
         self.places = range(len(self._homes.column))
+
+    def found(self, place: int) -> Found:
+        """Return what was found for a case."""
+        return self._key(place), self._reuse_groups[place], self._numbers_of(place), self._homes[place]
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what was found for all cases as JSON data."""
+        return {
+            "keys": self._keys.decode(),
+            "reuse_groups": self._reuse_groups.as_data(),
+            "homes": self._homes.as_data(),
+            "numbers": self._numbers.tolist(),
+            "ends": self._ends.tolist(),
+        }
+
+    @classmethod
+    def of_data(cls, sweep: Sweep, data: Mapping[str, Any]) -> Self:
+        """Return the cases of a sweep with what `as_data` has returned."""
+        cases = cls(sweep)
+        cases._keys += data["keys"].encode()
+        cases._reuse_groups = Labels.of_data(str, data["reuse_groups"])
+        cases._homes = Labels.of_data(Path, data["homes"])
+        cases._numbers, cases._ends = array("d", data["numbers"]), array("q", data["ends"])
+        cases.places = range(len(cases._homes.column))
+        return cases
 
     def settings(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all settings of a case, for the settings that its axes give."""

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hpcinv.base.reading.door import is_asked
+from hpcinv.base.reading.door import files_noted, is_asked
 from hpcinv.errors import JobError
 from hpcinv.job.job import UNNAMED, Job, parse
 from hpcinv.job.job_variants import JobVariants
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.studies.batch.axes import number_of, sections_first
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.batch.points import AxisPoint, CombinedPoints
 from hpcinv.studies.batch.specification import SpecificationFaults, changed_data, read_base, read_spec
-from hpcinv.studies.sweep.cases import Case, Cases, title_of
+from hpcinv.studies.sweep.cases import Case, Cases, Found, title_of
 from hpcinv.studies.sweep.sweep_spec import Sweep
 
 _STORE = Path("results/store")
@@ -63,23 +64,45 @@ class SweepFile:
             JobError: with a line for each fault, of the form ``file: case (and n more cases): key: fault``.
         """
         cases, faults = Cases(self.sweep), SpecificationFaults(self.path, "case")
-        variants, contents = JobVariants(self.base, untrusted=self.is_untrusted), _Contents(self.sweep, self.data)
-        for number in range(len(cases.points))[:first]:
-            parameters, given = cases.points[number]
-            try:
-                job = variants.job(contents.of(given))
-                cases.append(*variants.identity(job))
-            except JobError as error:
-                faults.add(error, title_of(number, parameters), self.base)
+        finder = _Finder(self)
+        with files_noted() as files:
+            for number in range(len(cases.points))[:first]:
+                point = cases.points[number]
+                try:
+                    cases.append(*finder.find(point))
+                except JobError as error:
+                    faults.add(error, title_of(number, point.parameters), self.base)
         faults.raise_if_any()
-        return SweepPlan(self.path, self.sweep, self.base, self.data, self.is_untrusted, cases)
+        return SweepPlan(self.path, self.sweep, self.base, self.data, self.is_untrusted, cases, frozenset(files))
+
+    def found(self, numbers: Iterable[int]) -> list[Found]:
+        """Check some cases by their numbers, and return what is found; raises ``JobError`` for a fault."""
+        points, finder = CombinedPoints(self.sweep.axes), _Finder(self)
+        return [finder.find(points[number]) for number in numbers]
+
+
+class _Finder:
+    """What is found for cases of a sweep by checking them."""
+
+    def __init__(self, file: SweepFile) -> None:
+        self._variants = JobVariants(file.base, untrusted=file.is_untrusted)
+        self._contents = _Contents(file.sweep, file.data)
+
+    def find(self, point: AxisPoint) -> Found:
+        """Check a case; raises ``JobError`` with its faults."""
+        return self._variants.identity(self._variants.job(self._contents.of(point.settings)))
 
 
 @dataclass(frozen=True)
 class SweepPlan(SweepFile):
-    """A sweep and its cases in order."""
+    """A sweep and its cases in order.
+
+    Attributes:
+        files_read: files on which the cases depend, in addition to the sweep and its job.
+    """
 
     cases: Cases
+    files_read: frozenset[Path] = frozenset()
 
     @property
     def ledger(self) -> Ledger:
