@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-_KEYWORD = re.compile(r"\*([A-Z][A-Z0-9 ]*)(?:, ([A-Z][A-Z0-9 ]*))?")
+_KEYWORD = re.compile(r"\*([A-Z][A-Z0-9 ]*)(?:, ([A-Z][A-Z0-9 ]*))?(?:, which .*)?")
 _TAG = re.compile(r"<(\w+)>")
 _COMMAND = re.compile(r"[/*]?[A-Z][A-Z0-9]*")
 _MOST = 3

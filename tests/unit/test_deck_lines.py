@@ -22,6 +22,7 @@ DECKS = {
         (".inp", "*HEAT FLUX", ", line 4, 5"),
         (".inp", "*SHELL SECTION, OFFSET", ", line 7"),
         (".inp", "*FLUX", ""),
+        (".inp", "*NODE, which a job cannot say: leave it out", ", line 1"),
         (".inp", "*CLOAD on 2 single nodes, which span no facet", ""),
         (".feb", "<Discrete>", ", line 2"),
         (".feb", "<bc type='linear constraint'>", ""),

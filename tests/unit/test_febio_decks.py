@@ -83,3 +83,39 @@ def test_a_pressure_acts_against_the_normal_as_the_facets_turn(facets: list[str]
     deck = read_deck(text, {})
     assert [effect["pressure"].value for effect in deck.effects] == pressures
     assert bool(deck.unused) == (not pressures)
+
+
+@pytest.mark.parametrize(
+    ("kind", "supports", "unused"),
+    [
+        ("symmetry plane", [{"region": "side", "fix": ["normal"], "of": "surface"}], []),
+        ("fixed normal displacement", [{"region": "side", "fix": ["normal"], "of": "surface"}], []),
+        ("volume", [], ["<constraint type='volume'>"]),
+    ],
+)
+def test_surfaces_that_slide_are_read(kind: str, supports: list[Any], unused: list[str]) -> None:
+    entry = f'<constraint type="{kind}" surface="side"><penalty>1e5</penalty></constraint>'
+    deck = read_deck(f"<febio_spec version='4.0'><Constraints>{entry}</Constraints></febio_spec>", {})
+    assert deck.supports == supports
+    assert deck.unused == unused
+
+
+RIGID = """<febio_spec version="4.0"><Material>
+<material id="2" name="cap" type="rigid body"><density>1</density><center_of_mass>1,2,3</center_of_mass></material>
+</Material><Boundary><bc type="rigid" node_set="top"><rb>cap</rb></bc></Boundary>
+<Rigid><rigid_load type="rigid_force"><rb>2</rb><dof>Rx</dof><value lc="1">4</value></rigid_load>
+<rigid_load type="rigid_moment"><rb>2</rb><dof>Rw</dof><value>5</value>{more}</rigid_load></Rigid>
+<LoadData><load_controller id="1" type="loadcurve"><points><pt>0,0</pt><pt>1,0.5</pt></points></load_controller>
+</LoadData></febio_spec>"""
+
+
+def test_forces_and_moments_on_rigid_nodes_are_a_remote_load() -> None:
+    deck = read_deck(RIGID.format(more=""), {})
+    [region] = deck.remotes
+    assert (region.region, region.of) == ("top", "nodes")
+    values = {key: [m.value for m in vector] for key, vector in region.section["remote"].items()}
+    assert values == {"force": [2, 0, 0], "moment": [0, 0, 5], "about": [1, 2, 3]}
+    assert not deck.unused
+    deck = read_deck(RIGID.format(more="<load_type>FOLLOW</load_type>"), {})
+    assert not deck.remotes
+    assert deck.unused[:1] == ["<bc type='rigid'> on top"]

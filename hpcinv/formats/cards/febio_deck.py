@@ -20,7 +20,14 @@ from hpcinv.formats.cards.febio_rigid import Planes, RigidRegions
 from hpcinv.job.body_kinds import SOLID
 
 _READ = ("Module", "Control", "Globals", "Material", "Mesh", "Geometry", "MeshDomains", "Boundary", "Loads", "LoadData")
-_WITHOUT_EFFECT = ("Output", "Import", "Step", "MeshData", "Rigid")  # the last step is read; data, where they are used
+_WITHOUT_EFFECT = (
+    "Output",
+    "Import",
+    "Step",
+    "MeshData",
+    "Rigid",
+    "Constraints",
+)  # the last step is read; data, where they are used
 _AS_NODES = re.compile(r"^@(\w+):")  # a surface or an element set as a node set
 _KINDS = {"surface": "surface", "elem_set": "part", "part": "part"}  # of regions, by these prefixes
 _OPTIONS = frozenset(
@@ -32,6 +39,7 @@ _ATTRIBUTES = frozenset({"name", "type", "node_set", "surface", "elem_set", "bc"
 _SHELLS = ("tri", "quad", "q4")  # beginnings of types of elements
 _SIDES = {"shell_bottom": " below a shell"}  # options of loads that are not read, and what they say
 _CONSTRAINT = "linear constraint"
+_SLIDES = ("symmetry plane", "fixed normal displacement")
 _AT_REST = ("", "STATIC", "STEADY-STATE")
 
 
@@ -71,7 +79,9 @@ class _DeckReader:
         for (name, of), values in held.items():
             self._deck.support(name, values, of=of)
         self._read_planes([entry for entry in conditions if entry.get("type") == _CONSTRAINT], held)
-        self._deck.unused += [f"<{e.tag} type='{e.get('type', '')}'>" for e in bodies if e not in rigid.taken]
+        others = [entry for entry in self._entries("Constraints") if not self._read_slide(entry)]
+        others += [entry for entry in bodies if entry not in rigid.taken]
+        self._deck.unused += [f"<{entry.tag} type='{entry.get('type', '')}'>" for entry in others]
         for load in self._entries("Loads"):
             self._read_load(load)
         for entry in (*conditions, *self._entries("Loads")):
@@ -79,6 +89,13 @@ class _DeckReader:
                 self._list_options(entry)
         self._list_the_rest()
         return self._deck
+
+    def _read_slide(self, entry: ET.Element) -> bool:
+        """Add a surface that slides along itself; return False for other constraints."""
+        if entry.get("type") not in _SLIDES or not entry.get("surface") or _is_set(entry, "shell_bottom"):
+            return False
+        self._deck.supports.append({"region": entry.get("surface"), "fix": ["normal"], "of": "surface"})
+        return True
 
     def _read_planes(self, constraints: list[ET.Element], held: Mapping[tuple[str, str], Mapping[str, float]]) -> None:
         """Add supports of node sets that slide in planes; list other constraints."""
