@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.second_opinions import BLOCK, LOST, distance, job_of_deck, needs_calculix, reaches_given_body, solved
+from helpers.verification import job
 
 from hpcinv.__main__ import main
 from hpcinv.errors import OutputError
+from hpcinv.mesh.source import MeshSource
 from hpcinv.physics.effects.thermal_expansion import ThermalExpansion
 from hpcinv.studies.second_opinion.calculix_deck import LOADS, write_deck
 from hpcinv.studies.second_opinion.calculix_heat import add_expansion
-from hpcinv.studies.second_opinion.loaded_body import loaded_body
+from hpcinv.studies.second_opinion.loaded_body import LoadedBody, loaded_body
+from hpcinv.studies.second_opinion.opinion import second_opinion
+from hpcinv.studies.second_opinion.same_elements import _not_comparable
 from hpcinv.studies.second_opinion.units import Units
 
 TUBE: dict[str, Any] = {
@@ -153,3 +157,45 @@ def test_abaqus_gets_hybrid_elements_and_directions_of_fibres(
     assert "CalculiX has no elements for incompressible bodies" in capsys.readouterr().err
     assert main(["export", str(run), "--deck", str(tmp_path / "a.feb"), "--for", "abaqus"]) == 2
     assert "--for abaqus: is for decks whose name ends with .inp" in capsys.readouterr().err
+
+
+MOTION = {"motion": {"rotate": "20 deg", "axis": [0, 0, 1], "about": [0.05, 0.05, 0], "move": [0, 0, "5 mm"]}}
+
+
+@needs_calculix
+@pytest.mark.release
+@pytest.mark.parametrize("moved", [MOTION, {"displacement": ["3 mm", None, "2 mm"]}])
+def test_stiff_elements_explain_the_difference_of_a_body_that_supports_move(
+    moved: dict[str, Any], tmp_path: Path
+) -> None:
+    mesh = BLOCK["mesh"] | {"parameters": BLOCK["mesh"]["parameters"] | {"nx": 1, "ny": 1}, "geometry_degree": 2}
+    spaces, law = {"displacement": 2, "formulation": "mixed"}, BLOCK["material"] | {"kappa": 1e6}
+    supports = [*BLOCK["supports"], {"region": "z1", **moved}]
+    run = solved(tmp_path, mesh=mesh, discretisation=spaces, material=law, supports=supports)
+    opinion = second_opinion(run, None, 120)
+    assert opinion.largest > 1e-2 * opinion.displacement
+    assert opinion.by_elements == pytest.approx(opinion.largest, rel=1e-2)
+    assert opinion.apart is not None
+    assert opinion.apart < LOST * opinion.displacement
+
+
+@pytest.mark.parametrize(
+    ("moved", "element", "word"),
+    [
+        ({"displacement": ["0.1*x", None, None]}, "C3D10", "formulas of places"),
+        (MOTION, "C3D20", "ours have 27 nodes"),
+        (MOTION, "C3D10", ""),
+        ({"displacement": ["3 mm", None, None]}, "C3D10", ""),
+        ({"fix": ["x"]}, "C3D20", ""),
+    ],
+)
+def test_supports_that_another_body_would_move_otherwise_are_not_comparable(
+    moved: dict[str, Any], element: str, word: str
+) -> None:
+    data = {**BLOCK, "supports": [*BLOCK["supports"], {"region": "z1", **moved}]}
+    points = np.zeros((1, 3))
+    mesh = MeshSource.__new__(MeshSource)  # neither slides nor rigid regions are of it
+    body = LoadedBody(name="a", rest=mesh, loaded=points, laws={}, forces=points)
+    reason = _not_comparable(job(**data), body, element)
+    assert word in reason
+    assert bool(reason) == bool(word)

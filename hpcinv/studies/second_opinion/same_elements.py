@@ -15,6 +15,7 @@ from hpcinv.geometry.workshop.run_shapes import DEFORMED, read_shape
 from hpcinv.interface import run as run_job
 from hpcinv.job.job import Job, load
 from hpcinv.job.rules import wants_pressure
+from hpcinv.job.vocabulary import COORDINATES
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import Floats
 from hpcinv.studies.second_opinion.equilibrium_near import equilibrium_near
@@ -60,7 +61,9 @@ def equilibrium_of(job: Job, body: LoadedBody, program: Program, element: str, t
 
     ``None`` if there is none, or if that is not known. Arguments as of `with_elements`.
     """
-    if _unlike(job, body, program, element) or _not_comparable(job, body, element) or body.remotes:
+    if _unlike(job, body, program, element) or _not_comparable(job, body, element):
+        return None
+    if any(support.moves for support in job.supports):
         return None
     try:
         with _forward_job(job, body, slides=False) as (forward, _):
@@ -125,8 +128,12 @@ def _unlike(job: Job, body: LoadedBody, program: Program, element: str) -> str:
 
 def _not_comparable(job: Job, body: LoadedBody, element: str) -> str:
     """Return why the forward run would have other supports than the deck; empty if it has the same."""
-    if any(support.moves and support.remote is None for support in job.supports):
-        return "a support moves, as formulas and motions on the given body say"
+    moved = [support for support in job.supports if support.moves and support.remote is None]
+    formulas = [formula for support in moved for formula in support.displacement or () if formula is not None]
+    if any(formula.names & COORDINATES.keys() for formula in formulas):
+        return "a support moves, as formulas of places on the given body say"
+    if moved and element in _OF_20_NODES:
+        return "a support moves, and ours have 27 nodes"
     if any(slide.plane_normal is None for slide in body.slides):
         return "a support slides on a curved face, whose normals are of the given body"
     if element in _OF_20_NODES and body.remotes:
