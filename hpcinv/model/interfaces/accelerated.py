@@ -26,9 +26,13 @@ class AcceleratedUpdates:
         """Begin anew."""
         self._updates = list[tuple[Floats, Floats]]()
 
+    def have(self, active: Booleans) -> bool:
+        """Return whether the same constraints as at the last update are active."""
+        return np.array_equal(active, self._active)
+
     def after(self, values: Floats, change: Floats, active: Booleans) -> Floats:
         """Return the next values, for the change that a plain update would make."""
-        if self._updates and not np.array_equal(active, self._active):
+        if not self.have(active):
             self.forget()
         self._active = active
         self._updates = [*self._updates[-_MEMORY:], (values, change)]

@@ -39,6 +39,11 @@ and load steps before the last one slide later."""
 _SOFTER = 2.0**-8
 """Penalty by the pressure's after a solve has failed, about the stiffness of the body along the surface. Above that,
 functions that slide to and fro in turn pass the range in which they stick, and Newton's method may go in cycles."""
+_STIFFEST, _STIFFER = 1.0, 8.0
+"""Penalty by the pressure's up to which slow updates at the full load raise it, and the factor of each time. Functions
+that slide little turn their tractions slowly with a low one. Raised, the tangent is worse conditioned."""
+_MOST_FAILURES = 3
+"""Solves that fail after penalties were raised, before these stay low. Raised, hopeless solves end later."""
 _SLOW = 0.5
 """Share of the distance before, above which an update of tractions is slow, and the penalty is raised again. Lowered,
 penalties are raised while functions still go to and fro, which needs more updates; raised, updates stay slow."""
@@ -115,7 +120,8 @@ class Friction:
     def reset(self) -> None:
         """Begin with the unloaded bodies, without tractions."""
         self.q: Floats = np.zeros((len(self._names), 3))
-        self.softness, self._distance, self._may_stiffen = _SOFTNESS, float("inf"), True
+        self.softness, self._distance = _SOFTNESS, float("inf")
+        self._stiffest, self._has_stiffened, self._failures = _STIFFEST, False, 0
         if "_jump" in vars(self):
             self._penalties = self.softness * self._pressure_penalties
         self.begin_unloaded()
@@ -170,21 +176,35 @@ class Friction:
     def soften(self) -> bool:
         """Take lower penalties until updates are slow; return whether they were not lower before."""
         before, self._distance = self.softness, float("inf")
+        self._failures += self._has_stiffened
+        if self._failures == _MOST_FAILURES:
+            self._stiffest = _SOFTER
         self._set_softness(_SOFTER)
+        self._has_stiffened = False
         return before > _SOFTER
 
-    def after_update(self, distance: float) -> bool:
+    def soften_updates(self) -> None:
+        """Take the penalties of load steps, and no higher ones until the next `reset`."""
+        self._stiffest = min(self._stiffest, _SOFTNESS)
+        self._set_softness(self.softness_of_steps)
+
+    def after_update(self, distance: float, *, is_same: bool) -> bool:
         """Follow an update by a `distance`; return whether the penalties have changed.
 
-        At the full load, tractions do not depend on them. They are raised once between two `reset`: what diverges again
-        would do so after each update.
+        At the full load, tractions do not depend on them. They are raised only where the same functions stick and slide
+        as before.
         """
         is_slow, self._distance = distance > _SLOW * self._distance, distance
-        if not (is_slow and self._may_stiffen and self.softness < _SOFTNESS):
+        if not (is_slow and is_same) or self.softness >= self._stiffest:
             return False
-        self._may_stiffen = False
-        self._set_softness(_SOFTNESS)
+        self._distance, self._has_stiffened = float("inf"), True
+        self._set_softness(min(_STIFFER * self.softness, self._stiffest))
         return True
+
+    @property
+    def softness_of_steps(self) -> float:
+        """Penalty by the pressure's in load steps before the last one."""
+        return min(self.softness, _SOFTNESS)
 
     def _set_softness(self, softness: float) -> None:
         self.softness = softness
@@ -201,6 +221,8 @@ class Friction:
         while self._begins and self._begins[-1].load >= load:
             self._begins.pop()
         self._begin = self._begins[-1] if self._begins else self._rest
+        if load < 1.0:
+            self._set_softness(self.softness_of_steps)
         self._carry()
 
     def _carry(self) -> None:

@@ -122,7 +122,7 @@ class SurfacePair(InterfaceForces):
         """
         for friction in self._frictions if self.depends_on_path else ():
             begin = friction.begin_before(load)
-            return None if begin is None else self._history(begin, friction.softness, scales)
+            return None if begin is None else self._history(begin, friction.softness_of_steps, scales)
         return None
 
     def new_history(self, scales: Scales) -> SlipHistory:
@@ -231,12 +231,13 @@ class SurfacePair(InterfaceForces):
             sizes.append(difference / (self._law.settled[1] * largest) if largest else 0.0)
 
         def apply() -> None:
-            self._before_update = self.multipliers
+            self._before_update, is_same = self.multipliers, self._updates.have(active)
             self.put_multipliers(self._updates.after(self.multipliers, np.concatenate(differences), active))
             if self._softening.after_update(max(sizes)):
                 self._penalties = self._softening.share * self._first_penalties
                 self._updates.forget()
-            stiffened = [f.after_update(distance) for f, distance in zip(self._frictions, slipped, strict=True)]
+            followed = zip(self._frictions, slipped, strict=True)
+            stiffened = [friction.after_update(distance, is_same=is_same) for friction, distance in followed]
             if any(stiffened):
                 self._updates.forget()
 
@@ -256,6 +257,8 @@ class SurfacePair(InterfaceForces):
 
     def halve_update(self) -> None:
         self._updates.forget()
+        for friction in self._frictions:
+            friction.soften_updates()
         if self._before_update is not None:
             self.put_multipliers((self._before_update + self.multipliers) / 2)
 
