@@ -1,4 +1,4 @@
-"""Price of an interface: two blocks that are tied, slide or touch, beside one block with as many cells.
+"""Price of an interface: two blocks that are tied, slide or touch, compared with one block with as many cells.
 
 Usage: python benchmarks/interfaces.py [--across 20]
 """
