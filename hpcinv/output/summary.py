@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,7 @@ def versions() -> dict[str, str | None]:
     }
 
 
+@cache  # the search takes 5 ms; a sweep would make thousands
 def _version_of(package: str) -> str | None:
     try:
         return version(package)

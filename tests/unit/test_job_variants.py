@@ -22,9 +22,10 @@ from hpcinv.job.resolved_job import resolved
 from hpcinv.job.reuse_key import numbers_of, reuse_group_of
 from hpcinv.job.section_memo import SectionMemo
 from hpcinv.job.yaml_reader import read_yaml
+from hpcinv.output.run_directory import as_yaml
 from hpcinv.physics.effects import effects
 from hpcinv.physics.materials import laws
-from hpcinv.studies.sweep.sweep_plan import read_sweep
+from hpcinv.studies.sweep.sweep_plan import CaseReader, read_sweep
 
 JOBS = Path(__file__).parents[2] / "jobs"
 BEAM = JOBS / "sagging-block.yaml"
@@ -123,8 +124,11 @@ SWEEPS = [path for path in sorted(JOBS.glob("*.yaml")) if "axes" in read_yaml(pa
 @pytest.mark.parametrize("path", SWEEPS, ids=lambda path: path.stem)
 def test_planned_cases_have_the_keys_of_single_jobs(path: Path) -> None:
     plan = read_sweep(path).plan(40)
+    reader = CaseReader(plan)
     for case in plan.cases[:: max(1, len(plan.cases) // 5)]:
-        job = load(plan.content(case), directory=JOBS)
+        job, read = load(plan.content(case), directory=JOBS), reader.job(plan.cases.points[case.number])
+        assert dict(read) == dict(job)
+        assert as_yaml(read.data) == as_yaml(plan.content(case))
         assert case.key == content_key(job)
         assert case.reuse_group == reuse_group_of(job)
         assert case.numbers == numbers_of(job)

@@ -23,7 +23,7 @@ from hpcinv.studies.batch.task import BatchTask, Pause
 from hpcinv.studies.sweep.case_lines import CaseLines
 from hpcinv.studies.sweep.nearest_case import NearestCase
 from hpcinv.studies.sweep.neighbours import ParameterSpace
-from hpcinv.studies.sweep.sweep_plan import SweepPlan
+from hpcinv.studies.sweep.sweep_plan import CaseReader, SweepPlan
 
 LEAST_AHEAD = 8
 """Open cases on a line from which a power series is worth its solves. Raised, shorter axes take more factorizations."""
@@ -84,6 +84,7 @@ class Queue:
 
     def __init__(self, plan: SweepPlan, ledger: Ledger, *, begin: float, patience: float) -> None:
         self.plan, self.ledger, self.patience = plan, ledger, patience
+        self._reader = CaseReader(plan)
         groups = [*plan.cases.reuse_groups]
         distinct = {key: place for place, key in enumerate(plan.cases.keys)}
         self._cases = plan.cases.chosen(sorted(distinct.values(), key=lambda place: (groups[place], place)))
@@ -132,11 +133,10 @@ class Queue:
 
     def _task(self, claim: Claim) -> SweepTask:
         case = self._cases[self._last]
-        directory = RunDirectory(claim.run, as_yaml(self.plan.content(case)), claimed=True)
+        job = self._reader.job(self._cases.points[case.number])
+        directory = RunDirectory(claim.run, as_yaml(job.data), claimed=True)
         point, ahead = self._last_point(), self._ahead()
-        return SweepTask(
-            case.title, self.plan.job(case), claim, case.reuse_group, point, directory, case.numbers, ahead
-        )
+        return SweepTask(case.title, job, claim, case.reuse_group, point, directory, case.numbers, ahead)
 
     def _ahead(self) -> Ahead | None:
         """Return the farthest open case on the line of the last one, which is the present line from now on."""

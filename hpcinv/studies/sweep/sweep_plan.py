@@ -64,12 +64,12 @@ class SweepFile:
             JobError: with a line for each fault, of the form ``file: case (and n more cases): key: fault``.
         """
         cases, faults = Cases(self.sweep), SpecificationFaults(self.path, "case")
-        finder = _Finder(self)
+        reader = CaseReader(self)
         with files_noted() as files:
             for number in range(len(cases.points))[:first]:
                 point = cases.points[number]
                 try:
-                    cases.append(*finder.find(point))
+                    cases.append(*reader.find(point))
                 except JobError as error:
                     faults.add(error, title_of(number, point.parameters), self.base)
         faults.raise_if_any()
@@ -77,20 +77,24 @@ class SweepFile:
 
     def found(self, numbers: Iterable[int]) -> list[Found]:
         """Check some cases by their numbers, and return what is found; raises ``JobError`` for a fault."""
-        points, finder = CombinedPoints(self.sweep.axes), _Finder(self)
-        return [finder.find(points[number]) for number in numbers]
+        points, reader = CombinedPoints(self.sweep.axes), CaseReader(self)
+        return [reader.find(points[number]) for number in numbers]
 
 
-class _Finder:
-    """What is found for cases of a sweep by checking them."""
+class CaseReader:
+    """Reader of cases of a sweep, which share the sections in which they do not differ."""
 
     def __init__(self, file: SweepFile) -> None:
         self._variants = JobVariants(file.base, untrusted=file.is_untrusted)
         self._contents = _Contents(file.sweep, file.data)
 
+    def job(self, point: AxisPoint) -> Job:
+        """Return the job of a case, as `SweepPlan.job`; raises ``JobError`` with its faults."""
+        return self._variants.job(self._contents.of(point.settings))
+
     def find(self, point: AxisPoint) -> Found:
-        """Check a case; raises ``JobError`` with its faults."""
-        return self._variants.identity(self._variants.job(self._contents.of(point.settings)))
+        """Return what is found for a case by checking it; raises ``JobError`` with its faults."""
+        return self._variants.identity(self.job(point))
 
 
 @dataclass(frozen=True)
