@@ -30,6 +30,7 @@ def build(
     margin: Length = 0.0,
     crown: Length = 0.0,
     cylinder: bool = False,
+    focus: float = 1.0,
 ) -> None:
     """Mesh each block with its own number of divisions along x and y, and both with ``layers`` of cells.
 
@@ -39,6 +40,8 @@ def build(
         crown: height by which the lower face of the upper block rises from x = y = 0 to the far corner, as a
             paraboloid; its upper face stays flat.
         cylinder: whether it rises along x alone.
+        focus: size of the cells at the line x = y = 0, and at the surfaces that face each other, by the size of equal
+            cells.
     """
     start = lower_height + gap
     wide = (lx + margin, ly + margin)
@@ -51,11 +54,18 @@ def build(
     for name, block in (("lower", below), ("upper", above)):
         gmsh.model.addPhysicalGroup(3, [block["volume"]], name=name)
     gmsh.model.mesh.generate(3)
+    if focus != 1.0:
+        _focus(gmsh, below["volume"], wide, (lower_height, lower_height), focus)
+        _focus(gmsh, above["volume"], (lx, ly), (start, upper_height), focus)
     if crown:
         along_y = 0.0 if cylinder else 1.0
         rise = crown / (lx**2 + along_y * ly**2)
         top = start + upper_height
-        _raise(gmsh, above["volume"], lambda x, y, z: (top - z) / upper_height * rise * (x**2 + along_y * y**2))
+        _move(
+            gmsh,
+            above["volume"],
+            lambda x, y, z: (x, y, z + (top - z) / upper_height * rise * (x**2 + along_y * y**2)),
+        )
 
 
 def _block(
@@ -82,8 +92,21 @@ def _block(
     return named
 
 
-def _raise(gmsh: Any, volume: int, by: Callable[[float, float, float], float]) -> None:
-    """Move the nodes of a volume and of its boundary along z."""
+def _focus(gmsh: Any, volume: int, sides: tuple[float, float], face: tuple[float, float], size: float) -> None:
+    """Move nodes towards x = y = 0, and towards a face; ``face`` has its z and the height of the block."""
+    (lx, ly), (at, height) = sides, face
+
+    def near(share: float) -> float:
+        return share * (size + (1 - size) * abs(share) ** 7)
+
+    def moved(x: float, y: float, z: float) -> tuple[float, float, float]:
+        return lx * near(x / lx), ly * near(y / ly), at + height * near((z - at) / height)
+
+    _move(gmsh, volume, moved)
+
+
+def _move(gmsh: Any, volume: int, moved: Callable[[float, float, float], tuple[float, float, float]]) -> None:
+    """Move the nodes of a volume and of its boundary."""
     nodes, places, _ = gmsh.model.mesh.getNodes(3, volume, includeBoundary=True)
-    for node, (x, y, z) in zip(nodes, places.reshape(-1, 3), strict=True):
-        gmsh.model.mesh.setNode(node, [x, y, z + by(x, y, z)], [])
+    for node, place in zip(nodes, places.reshape(-1, 3), strict=True):
+        gmsh.model.mesh.setNode(node, list(moved(*place)), [])

@@ -56,6 +56,7 @@ def bound(cells: float) -> float:
     return float((2 / cells) ** 1.5 * 4 / (3 * np.pi))
 
 
+@pytest.mark.release
 def test_cylinder_on_a_block_has_the_pressure_of_hertz(comm: MPI.Intracomm) -> None:
     pressure, width, cells, _ = pressed(comm, 12, 25.0, (1.0, 1.0), 0.003)
     assert pressure == pytest.approx(1.0, abs=bound(cells))
@@ -136,3 +137,58 @@ def test_friction_raises_the_pressure_of_the_cylinder_of_nafems(comm: MPI.Intrac
     smooth, rough = nafems(comm, 8, 0.00114), nafems(comm, 8, 0.00114, friction=0.1)
     assert 1.0 < rough[0] / smooth[0] < 1.1
     assert rough[1] == pytest.approx(6.21e-3, rel=1 / rough[2])
+
+
+def pressed_by_a_ball(comm: MPI.Intracomm, cells: int, radius: float, down: float) -> tuple[float, float, float]:
+    """Press a quarter of a ball's cap on a quarter of a block of the same material, both 1 m wide and high.
+
+    For equal moduli ``a³ = 3 P R (1 - ν²)/(2 E)`` and ``p₀ = 3 P/(2π a²)`` (Johnson, Contact Mechanics, 1985, 4.2).
+
+    Returns:
+        Largest pressure and radius of the contact over Hertz' ones; and cells along the radius.
+    """
+    modulus, focus = 1.0, 0.3
+    shape = {"lower_height": 1.0, "upper_height": 1.0, "gap": 1e-9, "crown": 1 / radius, "focus": focus}
+    law = {"law": "neo-hookean", "young": modulus, "poisson": 0.3}
+    given: dict[str, Any] = {
+        "analysis": "forward",
+        "mesh": {
+            "file": "../meshes/two_blocks.py",
+            "parameters": {"lower": cells, "upper": cells, "layers": cells, "hexahedra": True} | shape,
+        },
+        "material": law,
+        "discretisation": {"displacement": 1},
+        "supports": [
+            {"region": "x0", "fix": ["x"]},
+            {"region": "y0", "fix": ["y"]},
+            {"region": "z0", "fix": ["z"]},
+            {"region": "z1", "displacement": [None, None, -down]},
+        ],
+        "interfaces": [{"between": ["bottom", "top"], "kind": "contact"}],
+    }
+    contact = hpcinv.run(job(**given), comm).solutions[0].contacts[0]
+    force = 4 * abs(contact.force[2])
+    half = (3 * force * radius * (1 - 0.3**2) / (2 * modulus)) ** (1 / 3)
+    largest = 3 * force / (2 * np.pi * half**2)
+    found = contact.largest_pressure / largest, float(np.sqrt(4 * contact.area / np.pi)) / half
+    print(f"ball on a block, {cells} cells: p0 {found[0]:.4f}, a {found[1]:.4f} of Hertz', a = {half:.3f} m")
+    shares = np.linspace(0, 1, cells + 1)  # of the ball, whose cells have the pressures
+    along = shares * (focus + (1 - focus) * shares**7)
+    return *found, float(np.interp(half, along, np.arange(cells + 1)))
+
+
+def test_a_ball_on_a_block_presses_nearly_as_hertz_found(comm: MPI.Intracomm) -> None:
+    """With three cells along the radius, the pressure at their ends is a sixth too high."""
+    pressure, radius, cells = pressed_by_a_ball(comm, 6, 5.0, 0.006)
+    assert pressure == pytest.approx(1.0, abs=0.25)
+    assert radius == pytest.approx(1.0, abs=1 / cells)
+
+
+@pytest.mark.release
+def test_a_ball_on_a_block_has_the_pressure_of_hertz(comm: MPI.Intracomm) -> None:
+    """Bodies of Hertz are half-spaces; these are 6 a high and wide."""
+    coarse, fine = (pressed_by_a_ball(comm, cells, 5.0, 0.006) for cells in (8, 12))
+    assert coarse[0] == pytest.approx(1.0, abs=0.03)
+    assert fine[0] == pytest.approx(1.0, abs=0.02)
+    assert abs(fine[1] - 1) < 0.75 * abs(coarse[1] - 1)
+    assert fine[1] == pytest.approx(1.0, abs=0.5 / fine[2])
