@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import py_compile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,12 @@ def _text(name: str, form: str) -> Callable[[Path, float], None]:
     return write
 
 
+def _module(directory: Path, length: float) -> None:
+    """Write a module and its byte code: Python then does not open the module to import it."""
+    (directory / "part_size.py").write_text(f"length = {length}")
+    py_compile.compile(str(directory / "part_size.py"), doraise=True)
+
+
 IMPORT = 'gmsh.model.occ.importShapes("part.step"); gmsh.model.occ.synchronize()'
 KINDS: dict[str, tuple[str, str, str, Callable[[Path, float], None]]] = {
     "CAD model": ("part.py", BLOCK.format(head="", read=IMPORT), "part.step", _step),
@@ -66,7 +73,7 @@ KINDS: dict[str, tuple[str, str, str, Callable[[Path, float], None]]] = {
         "part.py",
         BLOCK.format(head="from part_size import length", read=BOX),
         "part_size.py",
-        _text("part_size.py", "length = {}"),
+        _module,
     ),
     "script": ("part.geo", GEO, "part.pro", _text("part.pro", "L = {};\n")),
 }

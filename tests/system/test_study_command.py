@@ -218,6 +218,7 @@ def test_a_study_stopped_or_killed_goes_on_and_repeats_nothing(place: Path) -> N
     assert done.stdout.count("\n[") == len(kept(place / "long")) - len(killed)
     assert {p: entry for p, entry in kept(place / "long").items() if p in killed} == killed
     assert killed.items() >= stopped.items()
+    assert re.search(r"^[^\d]*: errors against ", done.stdout, re.MULTILINE)  # one case, which is not counted
     assert all(json.loads(line)["case"]["brief"]["status"] == "converged" for line in kept(place / "long").values())
     with h5py.File(place / "long" / "table.h5") as file:
         assert file["times"].shape == (2, 4)

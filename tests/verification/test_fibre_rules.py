@@ -250,7 +250,10 @@ def test_two_ventricles_have_the_angles_at_all_three_surfaces(comm: MPI.Intracom
         ),
         (TUBE | {"helix": 0, "inlet": None}, "fibres.fibre.rule: needs 'inlet' and 'outlet' (regions at the ends of"),
         (TUBE | {"helix": 0, "axis": [0, 0, 1]}, "fibres.fibre.rule.axis: is not valid with 'inlet'"),
-        (TUBE | {"helix": 0, "outer": "inner"}, "fibres.fibre.rule.outer: 'inner' is already the region of 'inner'"),
+        (
+            TUBE | {"helix": 0, "inner": "wall", "outer": "wall"},
+            "fibres.fibre.rule.outer: 'wall' is already the region of 'inner'",
+        ),
     ],
 )
 def test_faults_of_a_rule_are_reported_with_their_field(rule: dict[str, Any], text: str) -> None:

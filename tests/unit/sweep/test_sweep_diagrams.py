@@ -16,6 +16,7 @@ from hpcinv.errors import JobError
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.holder import Holder
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
+from hpcinv.studies.sweep.parameter_columns import log_uniform
 from hpcinv.studies.sweep.results import finished
 from hpcinv.studies.sweep.sweep_plan import Case
 from hpcinv.studies.sweep.sweep_plot import is_even_in_log, plot
@@ -59,6 +60,7 @@ def test_laws_are_lines_over_one_parameter_and_failed_cases_crosses(tmp_path: Pa
 def test_samples_are_points_over_two_parameters(tmp_path: Path) -> None:
     axis = {"sobol": {MU: {"log-uniform": ["1 kPa", "100 kPa"]}, DENSITY: [1, 2]}, "count": 32}
     sweep_plan = plan(tmp_path, axis)
+    assert log_uniform(sweep_plan) == {MU}
     records = {
         case.key: bad() if case.parameters[MU] < 1e4 else good(quantities={"top": case.parameters[DENSITY]})
         for case in sweep_plan.cases
