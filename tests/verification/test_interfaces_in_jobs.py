@@ -111,7 +111,7 @@ def test_slip_of_earlier_steps_is_in_a_checkpoint(
     def end_of(result: Result) -> np.ndarray:
         (contact,) = result.solutions[0].contacts
         assert contact.friction is not None
-        return np.array([*contact.force, contact.friction.energy_lost, result.quantities["travel"]])
+        return np.array([*contact.force, result.quantities["travel"], contact.friction.energy_lost])
 
     whole = hpcinv.run(given, comm)
     on_the_way = [solve for solve in whole.solutions[0].solves if solve.load < 1.0]
@@ -121,7 +121,9 @@ def test_slip_of_earlier_steps_is_in_a_checkpoint(
     resumed = None
     if comm.rank == 0:
         resumed = end_of(hpcinv.run(given, MPI.COMM_SELF, directory=run_directory, resume=True))
-    assert comm.bcast(resumed) == pytest.approx(end_of(whole), rel=5 * error, abs=1e-12)
+    found, expected = comm.bcast(resumed), end_of(whole)
+    assert found[:4] == pytest.approx(expected[:4], rel=error, abs=1e-12)
+    assert found[4] == pytest.approx(expected[4], rel=20 * error)  # energy
 
 
 @pytest.mark.everyday("sliding")
