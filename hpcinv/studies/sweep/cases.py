@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from array import array
+from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -43,13 +45,29 @@ class Case:
         return title_of(self.number, self.parameters)
 
 
+def _as_text(column: array[Any]) -> str:
+    """Return the bytes of a column, the first of a number its lowest, in base 64."""
+    if sys.byteorder == "big":
+        column = column[:]
+        column.byteswap()
+    return b64encode(column.tobytes()).decode()
+
+
+def _of_text(kind: str, text: str) -> array[Any]:
+    column = array(kind)
+    column.frombytes(b64decode(text, validate=True))
+    if sys.byteorder == "big":
+        column.byteswap()
+    return column
+
+
 class Labels[T]:
     """Column of labels with many equal entries."""
 
     def __init__(self) -> None:
         self._numbers: dict[T, int] = {}
         self.distinct: list[T] = []
-        self.column = array("l")
+        self.column = array("q")
 
     def append(self, label: T) -> None:
         number = self._numbers.setdefault(label, len(self.distinct))
@@ -62,13 +80,13 @@ class Labels[T]:
 
     def as_data(self) -> list[Any]:
         """Return the column as JSON data."""
-        return [[*map(str, self.distinct)], self.column.tolist()]
+        return [[*map(str, self.distinct)], _as_text(self.column)]
 
     @classmethod
     def of_data(cls, label: Callable[[str], T], data: Sequence[Any]) -> Self:
         """Return the column that `as_data` has returned; ``label`` makes a label of its text."""
         labels = cls()
-        labels.distinct, labels.column = [*map(label, data[0])], array("l", data[1])
+        labels.distinct, labels.column = [*map(label, data[0])], _of_text("q", data[1])
         labels._numbers = {label: number for number, label in enumerate(labels.distinct)}
         return labels
 
@@ -111,8 +129,8 @@ class Cases(Sequence[Case]):
             "keys": self._keys.decode(),
             "reuse_groups": self._reuse_groups.as_data(),
             "homes": self._homes.as_data(),
-            "numbers": self._numbers.tolist(),
-            "ends": self._ends.tolist(),
+            "numbers": _as_text(self._numbers),
+            "ends": _as_text(self._ends),
         }
 
     @classmethod
@@ -122,7 +140,7 @@ class Cases(Sequence[Case]):
         cases._keys += data["keys"].encode()
         cases._reuse_groups = Labels.of_data(str, data["reuse_groups"])
         cases._homes = Labels.of_data(Path, data["homes"])
-        cases._numbers, cases._ends = array("d", data["numbers"]), array("q", data["ends"])
+        cases._numbers, cases._ends = _of_text("d", data["numbers"]), _of_text("q", data["ends"])
         cases.places = range(len(cases._homes.column))
         return cases
 
