@@ -380,7 +380,10 @@ class System:
 
     def _add_lifting(self, b: PETSc.Vec, x: npt.NDArray[np.float64] | None) -> None:
         """Add ``K (ū - x)`` with prescribed values ``ū``; ``ū - x`` is zero for free unknowns."""
-        self._step.x.array[:] = self.supports.missing(x)
+        missing = self.supports.missing(x)
+        if not self.comm.allreduce(missing.any(), op=MPI.LOR):  # after the first full step
+            return
+        self._step.x.array[:] = missing
         with b.localForm() as local:
             self._add_products(local.array)
 
