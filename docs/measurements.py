@@ -20,6 +20,7 @@ COMMANDS = {
     "strategies": "python benchmarks/strategies.py",
     "continuation": "mpirun -n 1 python benchmarks/continuation.py",
     "contact": "python benchmarks/contact.py",
+    "interfaces": "python benchmarks/interfaces.py --across 12",
     "assembly": "python benchmarks/assembly.py --repeat 3",
     "stability-modes": "python benchmarks/stability.py modes",
     "stability-counts": "python benchmarks/stability.py counts",
