@@ -27,7 +27,7 @@ from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.data import distribute
-from hpcinv.mesh.distributed.partitioned import read_partitioned, write_partitioned
+from hpcinv.mesh.distributed.partitioned import cells_of, read_partitioned, write_partitioned
 from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.gmsh_model import metis
@@ -385,3 +385,10 @@ def test_the_command_takes_a_mesh_a_generator_or_a_job(
         main(["mesh", "partition", str(meshes / "box.py"), str(tmp_path / "a.bp"), "--parts", "0"])
     assert "--parts: must be 1 or more" in capsys.readouterr().err
     assert not (tmp_path / "a.bp").exists()
+
+
+def test_ranks_read_whole_parts_or_equal_shares() -> None:
+    parts = (0, 4, 6, 16)
+    assert [cells_of(parts, 2, rank) for rank in range(2)] == [(0, 4), (4, 16)]
+    assert [cells_of(parts, 3, rank) for rank in range(3)] == [(0, 4), (4, 6), (6, 16)]
+    assert [cells_of(parts, 4, rank) for rank in range(4)] == [(0, 4), (4, 8), (8, 12), (12, 16)]

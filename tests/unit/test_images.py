@@ -87,7 +87,7 @@ def test_small_holes_and_parts_are_reported(tmp_path: Path) -> None:
     source = meshed(image, said, labels={"ball": 1, "nodule": 2})
     assert volumes(source)["nodule"] == pytest.approx(125e-9, rel=0.02)
     assert "1 hole of 1 mm^3 in all, smaller than a cell, filled" in said
-    assert "nodule: 1 parts of 2 mm^3 in all, too small for cells" in said
+    assert "nodule: 1 part of 2 mm^3 in all, too small for cells" in said
     assert any(line.startswith("scaled Jacobian of cells: 0.") for line in said)
 
 

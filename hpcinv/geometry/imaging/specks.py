@@ -106,7 +106,9 @@ def represented_volumes(
                     f" ({lost.sum()} of {count})",
                     "Make mesh.size smaller, or give those parts to the label around them.",
                 )
-            report(f"{name}: {lost.sum()} parts of {_volume(image, sizes[lost].sum())} in all, too small for cells")
+            plural = "s" if lost.sum() > 1 else ""
+            volume = _volume(image, sizes[lost].sum())
+            report(f"{name}: {lost.sum()} part{plural} of {volume} in all, too small for cells")
             kept[label - 1] *= 1 - share
     return kept
 

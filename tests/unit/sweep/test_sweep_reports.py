@@ -27,6 +27,7 @@ from hpcinv.studies.batch.status import Status, follow, lines
 from hpcinv.studies.batch.tables import as_csv, in_written_units
 from hpcinv.studies.sweep.outlook import outlook
 from hpcinv.studies.sweep.results import finished, outcomes, provenance, results, status_of
+from hpcinv.studies.sweep.shape_spread import kept_file
 from hpcinv.studies.sweep.sweep_batch import open_damaged
 from hpcinv.studies.sweep.sweep_plan import Case, SweepPlan
 from hpcinv.studies.sweep.table import SweepTable
@@ -386,3 +387,12 @@ def test_a_name_with_a_line_of_its_own_gets_into_no_batch_script() -> None:
 
     with pytest.raises(OutputError, match="cannot be in a batch script"):
         filled(TEMPLATES / "collect.sbatch", ["output=a\ntouch marker/collect-%j.out"], ["sweep.yaml"])
+
+
+def test_a_file_of_a_case_is_the_one_of_its_latest_run(tmp_path: Path) -> None:
+    for run in ("run-2-1", "run-10-1", "run-10-2"):
+        (tmp_path / run).mkdir()
+    for run in ("run-2-1", "run-10-1"):
+        (tmp_path / run / "report.html").touch()
+    assert kept_file(tmp_path, "report.html") == tmp_path / "run-10-1" / "report.html"
+    assert kept_file(tmp_path, "other.html") is None
