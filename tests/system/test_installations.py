@@ -163,7 +163,7 @@ def test_a_missing_extra_is_one_message_with_its_command(module: str, monkeypatc
     packages, extras = ("pyvista==0.49.1", "vtk==9.7.2"), ("all", "vtk")
     lines = [f"{package}; extra == '{extra}'" for package in packages for extra in extras]
     lines += ["numpy==2.4.6", "lib3mf==2.5.0; extra == 'all'"]
-    monkeypatch.setattr("hpcinv.base.parallel.imports.metadata.requires", lambda name: lines)
+    monkeypatch.setattr("importlib.metadata.requires", lambda name: lines)
     with pytest.raises(SystemPartMissing) as caught, imports_explained():
         raise ModuleNotFoundError(f"No module named '{module}'", name=module)
     package = module.partition(".")[0]

@@ -73,9 +73,12 @@ def writer(
         body=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
         timings=lambda phase: nullcontext(),
         state=lambda: SimpleNamespace(fields=("u", None)),
+        slip_histories=lambda direction, load: (),
     )
     checkpoints: Any = written
-    return CheckpointWriter(checkpoints, store, model, warn)
+    observer = CheckpointWriter(checkpoints, store, model, warn)
+    observer.begun("inverse", LINEAR)
+    return observer
 
 
 def test_a_run_goes_on_without_checkpoints_where_they_cannot_be_written() -> None:
@@ -127,7 +130,7 @@ def test_the_last_state_is_written_when_a_run_ends_early(
 def test_a_checkpoint_of_the_second_direction_has_the_solution_of_the_first() -> None:
     written = Written()
     observer = writer(written, every=1)
-    first: Any = SimpleNamespace(solves=(solve(1.0),), displacement="u", pressure="p")
+    first: Any = SimpleNamespace(solves=(solve(1.0),), fields=("u", "p"), contacts=())
     observer.finished(first)
     observer.solved(event(0.5))
     assert written.positions == [(1, 0.5, 2)]
