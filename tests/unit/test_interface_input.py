@@ -68,7 +68,6 @@ def test_without_an_interface_both_parts_must_be_held() -> None:
         ({"solver": {"linear": "iterative"}}, "interfaces: are too stiff for 'linear: iterative'"),
         ({"discretisation": {"displacement": 3}}, "interfaces: need 'displacement: 1' or 2"),
         ({"supports": [{"region": "z0", "fix": ["normal"]}, CLAMP]}, "interfaces: are not possible with supports that"),
-        ({"sensitivities": {"material.mu": {}}}, "interfaces: are not possible with 'sensitivities'"),
     ],
 )
 def test_what_interfaces_do_not_meet_is_refused(changes: dict[str, Any], text: str) -> None:
