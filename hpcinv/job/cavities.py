@@ -136,13 +136,17 @@ def unsuited_controls(job: Any) -> Faults:
         text = "is not valid with 'states': give 'volumes' in each state, and 'unloaded_volumes' in the given one"
         yield ("cavities", names[0]), text
         return
-    is_inverse = job.analysis != "forward" and job.first != "forward"
+    yield from _known_volumes(controlled, is_inverse=job.analysis != "forward" and job.first != "forward")
+    yield from _pressed_twice(job.effects[: job.own_effect_count], controlled.values())
+
+
+def _known_volumes(cavities: Mapping[str, Cavity], *, is_inverse: bool) -> Faults:
+    """Faults of volumes that are given, but that the mesh already has, with their places in the job."""
     key, other = ("unloaded_volume", "volume") if is_inverse else ("volume", "unloaded_volume")
-    for name, cavity in controlled.items():
+    for name, cavity in cavities.items():
         if getattr(cavity, other) is not None:
             known = "loaded" if is_inverse else "undeformed"
             yield ("cavities", name, other), f"is known: the mesh is the {known} body. Give '{key}'"
-    yield from _pressed_twice(job.effects[: job.own_effect_count], controlled.values())
 
 
 def _pressed_twice(effects: Sequence[Effect], cavities: Iterable[Cavity]) -> Faults:

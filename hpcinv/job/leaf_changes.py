@@ -5,7 +5,7 @@ A function that can be evaluated where they are unreadable does not depend on th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from math import isfinite, nan
 from typing import Any, NoReturn, cast
 
@@ -47,7 +47,7 @@ UNREADABLE = tuple(map(UnreadableNumber, (nan, 0.0, 1e-300, 1e300, -1e300)))
 """as functions of C find them: in none of these may a value differ"""
 
 
-_PLAIN = (str, int, bool)
+_PLAIN = (str, int, bool, set)
 
 
 def changed_leaves(before: Any, after: Any) -> Leaves | None:
@@ -71,25 +71,33 @@ def _collect(before: Any, after: Any, place: KeyPath, leaves: list[KeyPath]) -> 
         return isfinite(before) and isfinite(after)
     if kind in _PLAIN:
         return bool(before == after)
-    if kind is tuple or kind is list:
-        pairs = enumerate(zip(before, after, strict=False))
-        return len(before) == len(after) and all(_collect(a, b, (*place, i), leaves) for i, (a, b) in pairs)
-    if kind is dict:
-        return _collect_entries(before, after, place, leaves)
-    if isinstance(before, Spec) and before.__pydantic_fields_set__ == after.__pydantic_fields_set__:
-        private, other = before.__pydantic_private__ or {}, after.__pydantic_private__ or {}
-        own = _collect_entries(before.__dict__, after.__dict__, place, leaves)
-        return own and _collect_entries(private, other, place, leaves)
-    return False
+    entries = _ENTRIES.get(kind) or (_fields if isinstance(before, Spec) else None)
+    return entries is not None and _collect_entries(entries(before), entries(after), place, leaves)
 
 
 def _collect_entries(
-    before: Mapping[str, Any], after: Mapping[str, Any], place: KeyPath, leaves: list[KeyPath]
+    before: Collection[tuple[Any, Any]], after: Collection[tuple[Any, Any]], place: KeyPath, leaves: list[KeyPath]
 ) -> bool:
-    for (name, one), (other_name, other) in zip(before.items(), after.items(), strict=False):
+    if len(before) != len(after):
+        return False
+    for (name, one), (other_name, other) in zip(before, after, strict=True):
         if name != other_name or not (one is other or _collect(one, other, (*place, name), leaves)):
             return False
-    return len(before) == len(after)
+    return True
+
+
+def _fields(part: Spec) -> list[tuple[str, Any]]:
+    """Return the values of a section of a job by name, and which of them are given."""
+    own, private = part.__dict__, part.__pydantic_private__ or {}
+    return [*own.items(), *private.items(), ("given", part.__pydantic_fields_set__)]
+
+
+_ENTRIES: Mapping[type, Callable[[Any], Collection[tuple[Any, Any]]]] = {
+    tuple: lambda part: [*enumerate(part)],
+    list: lambda part: [*enumerate(part)],
+    dict: dict.items,
+}
+"""entries of a collection with their places"""
 
 
 def unreadable_variants(part: Any, leaves: Leaves) -> Iterator[Any]:

@@ -39,12 +39,15 @@ def varied[T](part: T, old: Any, new: Any, context: Mapping[str, Any]) -> T:
         return part
     if isinstance(part, Spec):
         return _varied_spec(part, old, new, context)
-    if isinstance(part, tuple) and isinstance(old, list | tuple) and isinstance(new, list | tuple):
-        if len(part) == len(old) == len(new):
-            return cast(T, tuple(varied(*entry, context) for entry in zip(part, old, new, strict=True)))
-    elif isinstance(part, dict) and isinstance(old, dict) and isinstance(new, dict) and [*part] == [*old] == [*new]:
+    if isinstance(part, tuple) and _are(list | tuple, old, new) and len(part) == len(old) == len(new):
+        return cast(T, tuple(varied(*entry, context) for entry in zip(part, old, new, strict=True)))
+    if isinstance(part, dict) and _are(dict, old, new) and [*part] == [*old] == [*new]:
         return cast(T, {name: varied(entry, old[name], new[name], context) for name, entry in part.items()})
     raise ReadWhole
+
+
+def _are(kind: Any, old: Any, new: Any) -> bool:
+    return isinstance(old, kind) and isinstance(new, kind)
 
 
 def copied[S: BaseModel](part: S, values: Mapping[str, Any]) -> S:
@@ -60,9 +63,7 @@ def copied[S: BaseModel](part: S, values: Mapping[str, Any]) -> S:
 
 def _varied_spec[S: Spec](part: S, old: Any, new: Any, context: Mapping[str, Any]) -> S:
     kind = part.__class__
-    if not (isinstance(old, dict) and isinstance(new, dict) and old.keys() == new.keys()):
-        raise ReadWhole
-    if not kind.is_read_by_fields(new):
+    if not (_are(dict, old, new) and old.keys() == new.keys() and kind.is_read_by_fields(new)):
         raise ReadWhole
     values = {
         name: _varied_field(kind, name, getattr(part, name, None), old[name], value, context)

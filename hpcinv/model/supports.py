@@ -129,21 +129,16 @@ class Supports:
                 self.remote_faces[number] = on_demand("region of a remote load")(spec.region, space, nodes, unknowns)
             if spec.slides:
                 slide = on_demand("slide of a support")(spec, place, body, unknowns)
-                if spec.hinge:
-                    kept = np.isin(slide.nodes, _surface_nodes(slide.space, body))
-                    self._check_hinge(spec, place, kept)
-                    slide = replace(slide, nodes=slide.nodes[kept], normals=slide.normals[kept])
-                self.slides.append(slide)
+                kept = self._kept(spec, place, slide.nodes, slide.space, body)
+                self.slides.append(replace(slide, nodes=slide.nodes[kept], normals=slide.normals[kept]))
             for axis, name in enumerate(AXES):
                 if name not in spec.held:
                     continue
                 part = unknowns.displacement_component(axis)
                 scalar, _ = part.collapse()
                 dofs = list(dofs_on((part, scalar), held))
-                if spec.hinge:
-                    kept = np.isin(dofs[1], _surface_nodes(scalar, body))
-                    self._check_hinge(spec, place, kept)
-                    dofs = [part_dofs[kept] for part_dofs in dofs]
+                kept = self._kept(spec, place, dofs[1], scalar, body)
+                dofs = [part_dofs[kept] for part_dofs in dofs]
                 now = fem.Function(scalar)
                 full = np.zeros_like(now.x.array)
                 self.conditions.append(fem.dirichletbc(now, dofs, part))
@@ -153,21 +148,28 @@ class Supports:
                 )
         fixed = np.zeros(len(unknowns.state.x.array), dtype=bool)
         fixed[self._dofs] = True
-        slides = job.supports and any(spec.slides for spec in job.supports)
         sign = 1 if job.directions[0] == "forward" else -1
         self.sliding: Any = None
-        if slides:
+        if self.slides:
             self.sliding = on_demand("slides")(self.slides, unknowns, fixed, body.length_scale, sign)
         self._check_remote_faces(job)
         self.update_parameters(job)
 
-    def _check_hinge(self, spec: Support, place: str, kept: npt.NDArray[np.bool_]) -> None:
-        """Refuse the hinge of a region without nodes of the surface, such as a face; collective."""
+    def _kept(self, spec: Support, place: str, nodes: LocalIndices, space: fem.FunctionSpace, body: Body) -> Any:
+        """Return which nodes of a region a support holds, of a hinge those on the surface; collective.
+
+        Raises:
+            MeshError: on all ranks, if there are none, as on a face.
+        """
+        if not spec.hinge:
+            return slice(None)
+        kept = np.isin(nodes, _surface_nodes(space, body))
         if not self._comm.allreduce(bool(kept.any()), op=MPI.LOR):
             raise MeshError(
                 f"{place}.hinge: '{spec.region}' has no nodes of the midsurface, about which the shell may turn",
                 "Name an edge of the shell, or leave 'hinge' out.",
             )
+        return kept
 
     def _check_remote_faces(self, job: Job) -> None:
         """Refuse remote loads on nodes that other supports hold; collective."""

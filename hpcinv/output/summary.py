@@ -238,14 +238,26 @@ def _fill(group: Any, content: Mapping[str, Any]) -> None:
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> np.ndarray | None:
     """Return rows with the same numbers and flags as a structured array; ``None`` if that is not possible."""
-    columns = rows[0].keys()
-    if any(row.keys() != columns or not all(_is_number(v) or v is None for v in row.values()) for row in rows):
+    names = rows[0].keys()
+    if any(row.keys() != names for row in rows):
         return None
-    kinds = {c: "?" if all(isinstance(row[c], bool) for row in rows) else "f8" for c in columns}
-    blank = {c: np.nan if kind == "f8" else False for c, kind in kinds.items()}
-    return np.array(
-        [tuple(blank[c] if row[c] is None else row[c] for c in columns) for row in rows], dtype=list(kinds.items())
-    )
+    columns = [_column([row[name] for row in rows]) for name in names]
+    whole = [column for column in columns if column is not None]
+    if len(whole) < len(columns):
+        return None
+    table = np.empty(len(rows), dtype=[(name, column.dtype) for name, column in zip(names, whole, strict=True)])
+    for name, column in zip(names, whole, strict=True):
+        table[name] = column
+    return table
+
+
+def _column(values: Sequence[Any]) -> np.ndarray | None:
+    """Return flags, or numbers with NaN for ``None``; ``None`` if some value is neither."""
+    if all(isinstance(value, bool) for value in values):
+        return np.array(values)
+    if all(value is None or _is_number(value) for value in values):
+        return np.array([np.nan if value is None else value for value in values], dtype="f8")
+    return None
 
 
 def _is_number(value: object) -> bool:

@@ -12,6 +12,7 @@ from dolfinx.fem import Function
 from hpcinv.job.job import PlannedSolve
 from hpcinv.mesh.data import as_function
 from hpcinv.mesh.source import DataArray
+from hpcinv.model.state import State
 from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Direction
 from hpcinv.results.solution import Solution, solution_of
@@ -84,12 +85,7 @@ def _solution(
     solve: StepSolver,
 ) -> Solution:
     """Solve one step, on the body and from the state that earlier ones found."""
-    nodes, given, body = None, None, None
-    if step.mesh is not None:
-        body = earlier[step.mesh]
-        nodes, given = body.other_nodes, body.displacement if step.job.state else None
-    is_return = body is not None and not step.job.state  # of the same loads
-    equations.put(equations.unloaded(step.job, nodes, given, body.contacts if body and is_return else ()))
+    equations.put(_unloaded(step, equations, earlier))
     start = control.choose_start(number, equations)
     if step.start is not None:
         start = replace(start, origin=earlier[step.start].fields)
@@ -106,6 +102,16 @@ def _solution(
     for report in solved.constraints:
         job = report.given_in(job)
     return replace(solution, job=job, constraints=solved.constraints, start=start_state, coarse=coarse)
+
+
+def _unloaded(step: PlannedSolve, equations: Equations, earlier: Sequence[Solution]) -> State:
+    """Return the unloaded state of a step, on the body that an earlier one found if the step names it."""
+    if step.mesh is None:
+        return equations.unloaded(step.job)
+    body = earlier[step.mesh]
+    if step.job.state:  # other loads
+        return equations.unloaded(step.job, body.other_nodes, body.displacement)
+    return equations.unloaded(step.job, body.other_nodes, contacts=body.contacts)
 
 
 def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[Function, Function | None]:

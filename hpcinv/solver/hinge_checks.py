@@ -33,6 +33,7 @@ _MOST_DESCRIBED = 3  # parts of a body in one message
 # others were held: then all that turns by itself is found, but not what moves only together with other parts.
 _MOST_TOGETHER = 60
 _MOVES = 1e-6  # size of a motion, relative to the largest, below which a part is at rest
+_NONE = np.zeros((0, 6))  # rows of a part that nothing holds
 _ON_LINE = 1e-6  # distance of nodes from a straight line, relative to their extent, below which they are on it
 
 
@@ -185,33 +186,40 @@ def _free(
     pairs = [(lower, upper, points) for lower, upper, points in joints.pairs()]
     ends = np.array([pair[:2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
     group_of = connected(np.concatenate([ends, np.tile(np.arange(len(frames)), (2, 1)).T]), len(frames))[len(ends) :]
-    none = np.zeros((0, 6))
     for number in np.unique(group_of[ends[:, 0]]).tolist():
         group = np.flatnonzero(group_of == number)
-        if len(group) <= _MOST_TOGETHER:
-            first = {part: 6 * i for i, part in enumerate(group.tolist())}
-            rows = []
-            for part, start in first.items():
-                part_rows = held.get(part, none)
-                rows.append(np.zeros((len(part_rows), 6 * len(group))))
-                rows[-1][:, start : start + 6] = part_rows
-            for lower, upper, points in pairs:
-                if lower not in first:
-                    continue
-                motions = [frames[part].motions(points).reshape(-1, 6) for part in (lower, upper)]
-                triangle = _reduced(np.hstack([motions[0], -motions[1]]))
-                rows.append(np.zeros((len(triangle), 6 * len(group))))
-                rows[-1][:, first[lower] : first[lower] + 6] = triangle[:, :6]
-                rows[-1][:, first[upper] : first[upper] + 6] = triangle[:, 6:]
-            free = free_motions(np.vstack(rows))
+        together = len(group) <= _MOST_TOGETHER
+        for members in [group] if together else [*group[:, None]] if alone else []:
+            if together:
+                rows = _rows_of_group(members, pairs, held, frames)
+            else:
+                there = frames[members[0]].motions(joints.part_points(members[0])).reshape(-1, 6)
+                rows = np.vstack([held.get(int(members[0]), _NONE), _reduced(there)])
+            free = free_motions(rows)
             if free.size:
-                yield group, free
-        elif alone:
-            for part in group.tolist():
-                motions_there = frames[part].motions(joints.part_points(part)).reshape(-1, 6)
-                free = free_motions(np.vstack([held.get(part, none), _reduced(motions_there)]))
-                if free.size:
-                    yield np.array([part]), free
+                yield members, free
+
+
+def _rows_of_group(
+    group: Ints, pairs: Sequence[tuple[int, int, Floats]], held: dict[int, Floats], frames: list[Frame]
+) -> Floats:
+    """Return what the motions (6·p) of joined parts must not do, row by row: move held nodes, or part common ones."""
+    first = {part: 6 * i for i, part in enumerate(group.tolist())}
+    rows = [_placed({start: held.get(part, _NONE)}, 6 * len(group)) for part, start in first.items()]
+    for lower, upper, points in pairs:
+        if lower in first:
+            motions = [frames[part].motions(points).reshape(-1, 6) for part in (lower, upper)]
+            triangle = _reduced(np.hstack([motions[0], -motions[1]]))
+            rows.append(_placed({first[lower]: triangle[:, :6], first[upper]: triangle[:, 6:]}, 6 * len(group)))
+    return np.vstack(rows)
+
+
+def _placed(blocks: dict[int, Floats], width: int) -> Floats:
+    """Return rows of some width with blocks (n, 6) that begin at given columns, and zeros."""
+    rows = np.zeros((len(next(iter(blocks.values()))), width))
+    for start, block in blocks.items():
+        rows[:, start : start + 6] = block
+    return rows
 
 
 def _unsprung_motions(

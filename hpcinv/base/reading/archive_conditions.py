@@ -70,6 +70,16 @@ class PressedRegion(NamedTuple):
     faces: frozenset[tuple[int, int]]
 
 
+def _direction(terms: Sequence[Sequence[str]]) -> Vector | None:
+    """Return the unit direction of a sum of (node, label, factor); ``None`` if the sum is zero."""
+    parts = [0.0, 0.0, 0.0]
+    for _, label, factor in terms:
+        parts["xyz".index(_LABELS[label.upper()])] += fortran_number(factor or "1")
+    x, y, z = parts
+    size = hypot(x, y, z)
+    return (x / size, y / size, z / size) if size else None
+
+
 class Conditions:
     """Supports and loads.
 
@@ -132,11 +142,14 @@ class Conditions:
     def _read_pressure(self, entries: Sequence[str], next_line: Callable[[], str]) -> None:
         values = next_line().split() if _RELEASE.fullmatch(entries[4]) else [v for v in entries[4:8] if v]
         label, name = entries[2].upper(), entries[0].upper()
-        elements = [int(name)] if name.isdigit() else self._members("cells", name)
-        if label != "PRES" or entries[3] not in ("", "0", "1") or not elements:
-            self.not_read[f"SFE,{label}" if label != "PRES" else f"SFE,PRES of {name or 'no element'}"] += 1
+        if label != "PRES":
+            self.not_read[f"SFE,{label}"] += 1
             return
+        elements = [int(name)] if name.isdigit() else self._members("cells", name)
         sizes = {fortran_number(value) for value in values}
+        if not elements or entries[3] not in ("", "0", "1"):
+            self.not_read[f"SFE,PRES of {name or 'no element'}"] += 1
+            return
         if len(sizes) > 1:
             self.not_read["SFE,PRES that varies over a face"] += 1
             return
@@ -152,12 +165,8 @@ class Conditions:
         if not has_number or not set(labels) <= _LABELS.keys() or fortran_number(entries[1] or "0"):
             self.not_read["CE"] += 1
             return
-        parts = [0.0, 0.0, 0.0]
-        for label, (_, _, factor) in zip(labels, terms, strict=True):
-            parts["xyz".index(_LABELS[label])] += fortran_number(factor or "1")
-        if size := hypot(*parts):
-            x, y, z = (part / size for part in parts)
-            self.equations.append((int(node), (x, y, z)))
+        if (direction := _direction(terms)) is not None:
+            self.equations.append((int(node), direction))
 
     def _read_acceleration(self, entries: Sequence[str], next_line: Callable[[], str]) -> None:
         x, y, z = (fortran_number(entry or "0") for entry in entries[:3])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from hpcinv.formats.cards.deck import Measure, RigidRegion
 from hpcinv.formats.cards.entry import vector
 
 _COMPONENTS = {"rigid_force": ("Rx", "Ry", "Rz"), "rigid_moment": ("Ru", "Rv", "Rw")}
+_AXES = {"x": 0, "y": 1, "z": 2}
 _FLAT = 1e-6
 """Difference of unit normals of one plane; raised, shallow curved faces are taken for planes."""
 _MOST_PLANES = 20
@@ -37,13 +39,13 @@ class RigidRegions:
         factor: Callable[[ET.Element, str, str], float],
     ) -> None:
         self._factor = factor
-        self._materials = [entry for entry in root.iter("material") if entry.get("type") == "rigid body"]
+        materials = [entry for entry in root.iter("material") if entry.get("type") == "rigid body"]
         has_elements = {entry.get("mat") for entry in (*root.findall("MeshDomains/*"), *root.iter("Elements"))}
-        named = [[e for e in conditions if e.get("type") == "rigid" and self._is_of(e, m)] for m in self._materials]
         self.regions: list[RigidRegion] = []
         self.taken: list[ET.Element] = []
         """entries of the file that the regions say"""
-        for material, sets in zip(self._materials, named, strict=True):
+        for material in materials:
+            sets = [entry for entry in conditions if entry.get("type") == "rigid" and self._is_of(entry, material)]
             own = [entry for entry in rigid if self._is_of(entry, material)]
             place = material.findtext("center_of_mass")
             names = {material.get("name"), material.get("id")}
@@ -98,46 +100,55 @@ class Planes:
         held: Sequence[tuple[int, frozenset[int]]],
         sets: Mapping[str, frozenset[int]],
     ) -> None:
-        known: dict[int, list[Floats]] = {}
-        covered: dict[int, list[Floats]] = {}
+        own = [(*found, entry) for entry in constraints if (found := _direction_of(entry)) is not None]
+        known, covered = defaultdict[int, list[Floats]](list), defaultdict[int, list[Floats]](list)
         for axis, nodes in held:
             for node in nodes:
-                known.setdefault(node, []).append(np.eye(3)[axis])
-                covered.setdefault(node, []).append(np.eye(3)[axis])
-        own: list[tuple[int, Floats, ET.Element]] = []
-        for entry in constraints:
-            if (found := _direction_of(entry)) is not None:
-                own.append((*found, entry))
-                known.setdefault(found[0], []).append(found[1])
+                known[node].append(np.eye(3)[axis])
+                covered[node].append(np.eye(3)[axis])
+        for node, direction, _ in own:
+            known[node].append(direction)
         self.supports: list[dict[str, Any]] = []
-        smallest = sorted((name for name in sets if sets[name]), key=lambda name: len(sets[name]))
         for normal in _normals([direction for _, direction, _ in own]):
-            nodes = frozenset(node for node, direction, _ in own if np.abs(direction - normal).max() < _FLAT)
-            for name in (name for name in smallest if nodes <= sets[name]):
-                if all(_spans(known.get(node, ()), normal) for node in sets[name]):
-                    self.supports.append({"region": name, "fix": ["normal"], "normal": normal.tolist()})
-                    for node in sets[name]:
-                        covered.setdefault(node, []).append(normal)
-                    break
-        self.taken = [entry for node, direction, entry in own if _spans(covered.get(node, ()), direction)]
+            along = frozenset(node for node, direction, _ in own if np.abs(direction - normal).max() < _FLAT)
+            name = _smallest(sets, along, known, normal)
+            if name is not None:
+                self.supports.append({"region": name, "fix": ["normal"], "normal": normal.tolist()})
+                for node in sets[name]:
+                    covered[node].append(normal)
+        self.taken = [entry for node, direction, entry in own if _spans(covered[node], direction)]
         """entries of the file that the supports say"""
+
+
+def _smallest(
+    sets: Mapping[str, frozenset[int]], part: frozenset[int], known: Mapping[int, Sequence[Floats]], normal: Floats
+) -> str | None:
+    """Return the smallest set that contains a part and does not move along a normal, by what is known of its nodes."""
+    wider = (name for name, nodes in sets.items() if nodes and part <= nodes)
+    ordered = sorted(wider, key=lambda name: len(sets[name]))
+    return next((name for name in ordered if all(_spans(known[node], normal) for node in sets[name])), None)
 
 
 def _direction_of(entry: ET.Element) -> tuple[int, Floats] | None:
     """Return node and unit direction of a constraint of one node without a constant; ``None`` for others."""
-    node, direction = (entry.findtext("node") or "").strip(), np.zeros(3)
-    children = [[(c.findtext(tag) or "").strip() for tag in ("node", "dof", "value")] for c in entry.iter("child_dof")]
-    terms = [("1", (entry.findtext("dof") or "").strip()), *((value or "1", dof) for _, dof, value in children)]
-    is_whole = (
-        node.isdecimal() and all(own == node for own, _, _ in children) and all(dof in tuple("xyz") for _, dof in terms)
-    )
-    if not is_whole or number(entry.findtext("offset", "0"), "offset"):
+    (node, axis, _), *others = map(_term, (entry, *entry.iter("child_dof")))
+    is_of_one = node.isdecimal() and {own for own, _, _ in others} <= {node}
+    if not is_of_one or not {axis, *(dof for _, dof, _ in others)} <= _AXES.keys():
         return None
-    for place, (value, dof) in enumerate(terms):
-        direction["xyz".index(dof)] += number(value, "linear constraint") * (1 if place == 0 else -1)
+    if number(entry.findtext("offset", "0"), "offset"):
+        return None
+    direction = np.eye(3)[_AXES[axis]]
+    for _, dof, value in others:
+        direction[_AXES[dof]] -= number(value or "1", "linear constraint")
     if not (size := float(np.linalg.norm(direction))):
         return None
     return int(node), direction / size * np.sign(direction[np.abs(direction).argmax()])
+
+
+def _term(entry: ET.Element) -> tuple[str, str, str]:
+    """Return node, axis and factor of a term of a linear constraint; the constraint itself is the first one."""
+    node, axis, factor = ((entry.findtext(tag) or "").strip() for tag in ("node", "dof", "value"))
+    return node, axis, factor
 
 
 def _normals(directions: Sequence[Floats]) -> Iterator[Floats]:

@@ -83,12 +83,7 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
         UnsupportedForm: if quadratures differ, or the regions of the integrals do not cover all cells once.
     """
     integrals = [integral for integral in form.integrals() if integral.integral_type() == "cell"]
-    kind = unknowns.mesh.basix_cell().name
-    degree = integrals[0].metadata().get("quadrature_degree") if integrals else None
-    if not isinstance(degree, int) or any(
-        integral.metadata() != quadrature_metadata(kind, degree) for integral in integrals
-    ):
-        raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
+    degree = _quadrature_degree(integrals, unknowns.mesh.basix_cell().name)
     regions: dict[Any, list[Any]] = {}
     for integral in integrals:
         regions.setdefault(integral.subdomain_id(), []).append(integral.integrand())
@@ -103,6 +98,16 @@ def volume_parts(form: Any, unknowns: Unknowns) -> tuple[int, list[VolumePart]]:
     cells = dict(given[0])
     _check_cover(unknowns, [cells[number] for number in regions])
     return degree, [VolumePart(cells[number], sum((*own[1:], *common), own[0])) for number, own in regions.items()]
+
+
+def _quadrature_degree(integrals: Sequence[Any], kind: str) -> int:
+    """Return the one degree of volume integrals on cells of some kind."""
+    degree = integrals[0].metadata().get("quadrature_degree") if integrals else None
+    if isinstance(degree, int):
+        metadata = quadrature_metadata(kind, degree)
+        if all(integral.metadata() == metadata for integral in integrals):
+            return degree
+    raise UnsupportedForm("its volume integrals do not have the quadrature of hpcinv")
 
 
 def _check_cover(unknowns: Unknowns, regions: list[npt.NDArray[np.int32]]) -> None:

@@ -137,17 +137,7 @@ class Chooser:
 
         A body of branches or with holes has smaller separators than a block of its extents.
         """
-        if (
-            solver.linear != "auto"
-            or self._own(solver)
-            or not self.can_factorize
-            or self._is_analysed
-            or self._against_multigrid
-            or self.forecast.shape.is_solid
-            or self._flat_share >= _FLAT_SHARE
-        ):
-            return
-        if not _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS:
+        if self._is_analysed or not self._is_open(solver):
             return
         self._is_analysed = True
         block = self.forecast
@@ -161,24 +151,25 @@ class Chooser:
             if self.forecast.direct < self.forecast.iterative:  # a better ordering would make it still faster
                 return
 
+    def _is_open(self, solver: Solver) -> bool:
+        """Return whether neither the job nor the shape of the body decides."""
+        if solver.linear != "auto" or self._own(solver) or self._against_multigrid or not self.can_factorize:
+            return False
+        if self.forecast.shape.is_solid or self._flat_share >= _FLAT_SHARE:
+            return False
+        return _WORTH < self.forecast.direct / self.forecast.iterative < _OBVIOUS
+
     def choose(self, solver: Solver) -> Choice:
         """Return the configuration that ``solver.linear`` names, or the faster one for which there is memory."""
         if own := self._own(solver):
             configuration = "iterative" if solver.linear == "iterative" else "direct"
             return Choice(configuration, f"the job's, with {' and '.join(sorted(own))} of solver.petsc", is_own=True)
         chosen = self._choose(solver)
-        # Where fewer operations are counted than a block has, entries take the time, and they are as many.
+        # A body with holes has factors of fewer operations than a block, but as many entries, which then take the time.
         operations = self.forecast.block.operations
-        is_large = operations >= LOW_RANK
-        low_rank = is_large and not self._is_slender  # whose fronts are small
+        low_rank = operations >= LOW_RANK and not self._is_slender  # whose fronts are small
         is_refined = operations >= SINGLE
-        # For the series of thin bodies single precision does not suffice, and a series takes two factorizations only.
-        # Slender ones are solved by nested iteration, or by steps, which take more.
-        series = "series" if self._is_slender else "auto"
-        is_series_likely = (
-            not self.is_compact and solver.strategy == "adaptive" and solver.continuation in ("series", series)
-        )
-        single = is_large if is_series_likely else is_refined
+        single = operations >= LOW_RANK if self._takes_series(solver) else is_refined
         precision = str(solver.petsc.get("pc_precision", "single" if single else "double"))
         low_rank = bool(solver.petsc.get("mat_mumps_icntl_35", low_rank))
         krylov = self.forecast.krylov
@@ -195,6 +186,15 @@ class Chooser:
             nearly_symmetric=not self._is_slender,
             equal_solves=self.forecast.factorization / self.forecast.back_substitution,
         )
+
+    def _takes_series(self, solver: Solver) -> bool:
+        """Return whether the path is probably a power series, which takes two factorizations only.
+
+        For the series of thin bodies single precision does not suffice. Slender ones are solved by nested iteration, or
+        by steps, unless the job asks for a series.
+        """
+        series = "series" if self._is_slender else "auto"
+        return not self.is_compact and solver.strategy == "adaptive" and solver.continuation in ("series", series)
 
     @staticmethod
     def _own(solver: Solver) -> frozenset[str]:

@@ -105,19 +105,29 @@ def _precise_sign(equations: Equations, solution: Solution) -> int:
 def _known_line(solution: Solution) -> Line | None:
     """Return the line where the solves name limit points or branches, or there is no path; else ``None``."""
     if turned := sum(s.limit_point for s in solution.solves):
-        note = _OTHER
-        if passed := _earlier_passes([s.load for s in _accepted(solution)]):
-            times = "once" if passed == 1 else f"{passed} times"
-            note = f"the path passes {turned} limit point{'s'[: turned > 1]}; it reaches the full load {times} before"
-        return Line(LIMIT_POINTS, float(turned), "", _RULE, Verdict.WARN, note)
+        return _line_of_turns(solution, turned)
     if branches := [s for s in solution.solves if s.bifurcation is not None]:
-        mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
-        does = "leaves the first one" if branches[0].strategy == SWITCHED else "passes others, which branch off"
-        note = f"the path {does} at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
-        return Line(LIMIT_POINTS, float(len(branches)), "", _RULE, Verdict.WARN, note)
+        return _line_of_branches(branches)
     if not any(s.factorizations or s.signs for s in solution.solves):
         return Line(LIMIT_POINTS, 0.0, "", _RULE, Verdict.PASS, "nothing moves the body")
     return None
+
+
+def _line_of_turns(solution: Solution, turned: int) -> Line:
+    """Return the line of a path past limit points."""
+    note = _OTHER
+    if passed := _earlier_passes([s.load for s in _accepted(solution)]):
+        times = "once" if passed == 1 else f"{passed} times"
+        note = f"the path passes {turned} limit point{'s'[: turned > 1]}; it reaches the full load {times} before"
+    return Line(LIMIT_POINTS, float(turned), "", _RULE, Verdict.WARN, note)
+
+
+def _line_of_branches(branches: Sequence[Solve]) -> Line:
+    """Return the line of solves at which branches were found."""
+    mode = ", ".join(f"{component:.2g}" for component in branches[0].mode)
+    does = "leaves the first one" if branches[0].strategy == SWITCHED else "passes others, which branch off"
+    note = f"the path {does} at load factor {branches[0].bifurcation:.6g}, with displacements along ({mode})"
+    return Line(LIMIT_POINTS, float(len(branches)), "", _RULE, Verdict.WARN, note)
 
 
 def _sign_line(equations: Equations, solution: Solution, *, may_be_spurious: bool) -> Line:

@@ -25,6 +25,7 @@ import ufl
 from dolfinx import fem
 
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.solver.equations import Equations
 from hpcinv.trust.discretisation.estimate import SingularLimit
@@ -65,18 +66,24 @@ def singular_limit(
     has_fibres = fibre_kind >= 0 and bool(shares[fibre_kind] > FIBRE_SHARE)
     kind = fibre_kind if has_fibres else int(shares.argmax())
     here = np.where(edges.kinds == kind, whole, -1.0)
-    best = int(here.argmax()) if len(here) else -1
-    nodes = mesh.geometry.dofmaps[0][best][: mesh.ufl_cell().num_vertices] if len(here) else []
-    middle = mesh.geometry.x[nodes].mean(axis=0) * equations.body.length_scale if len(here) else np.zeros(3)
-    distances = _distances(edges.segments, middle)
-    point = edges.segments[int(distances.argmin())].mean(axis=0)
-    _, position = max(mesh.comm.allgather((float(here.max(initial=-1.0)), tuple(point.tolist()))))
+    position = _place_of_largest(equations.body, edges, here)
     order = -math.log2(totals[3] / totals[2])
     share, factor = float(totals[2] / totals[1]), float(totals[1] / totals[0])
     may_cancel = equations.unknowns.p is not None and share > SHARE
     is_reliable = not (has_fibres or (may_cancel and volume_share(correction, touching) > VOLUME))
     orders = np.where(touching, 2 * edges.exponents, np.inf)
     return SingularLimit(share, order, factor, is_reliable, edges.names[kind], position, missed, orders)
+
+
+def _place_of_largest(body: Body, edges: SingularEdges, sizes: Floats) -> tuple[float, float, float]:
+    """Return the middle (m) of the segment of an edge that is nearest to the cell of the largest value; collective."""
+    mesh, middle = body.mesh, np.zeros(3)
+    if len(sizes):
+        nodes = mesh.geometry.dofmaps[0][int(sizes.argmax())][: mesh.ufl_cell().num_vertices]
+        middle = mesh.geometry.x[nodes].mean(axis=0) * body.length_scale
+    x, y, z = edges.segments[int(_distances(edges.segments, middle).argmin())].mean(axis=0).tolist()
+    _, x, y, z = max(mesh.comm.allgather((float(sizes.max(initial=-1.0)), x, y, z)))
+    return x, y, z
 
 
 def volume_share(correction: fem.Function, cells: npt.NDArray[np.bool_]) -> float:

@@ -60,24 +60,29 @@ def solve(system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, *, i
     )
 
 
+def _krylov_method(operator: PETSc.Mat, linear: LinearSolver, is_transposed: bool) -> PETSc.KSP:
+    """Return FGMRES for the tangent or its transpose, with the factors or the multigrid that a solve has left."""
+    if linear.configuration.name == "direct":
+        tolerance, most, restart = _TOLERANCE, _ITERATIONS, _ITERATIONS
+    else:
+        tolerance, most, restart = _MULTIGRID_TOLERANCE, _MULTIGRID_ITERATIONS, _MULTIGRID_RESTART
+    ksp = PETSc.KSP().create(operator.comm)
+    ksp.setType(PETSc.KSP.Type.FGMRES)
+    ksp.setOperators(operator)
+    ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=most)
+    ksp.setGMRESRestart(restart)
+    ksp.pc.setType(PETSc.PC.Type.PYTHON)
+    ksp.pc.setPythonContext(_Factors(linear.ksp.pc, is_transposed=is_transposed and linear.has_transpose))
+    return ksp
+
+
 def _solved(
     system: System, linear: LinearSolver, b: PETSc.Vec, x: PETSc.Vec, is_transposed: bool
 ) -> tuple[float, float]:
     """Set ``x`` to a solution; return the norm of its residual, and ``‖K‖ ‖x‖`` over the right-hand side."""
     matrix, director = system.matrix, system.director
     operator = PETSc.Mat().createTranspose(matrix) if is_transposed else matrix
-    is_direct = linear.configuration.name == "direct"
-    ksp = PETSc.KSP().create(system.comm)
-    ksp.setType(PETSc.KSP.Type.FGMRES)
-    ksp.setOperators(operator)
-    if is_direct:
-        ksp.setTolerances(rtol=_TOLERANCE, atol=0.0, max_it=_ITERATIONS)
-        ksp.setGMRESRestart(_ITERATIONS)
-    else:
-        ksp.setTolerances(rtol=_MULTIGRID_TOLERANCE, atol=0.0, max_it=_MULTIGRID_ITERATIONS)
-        ksp.setGMRESRestart(_MULTIGRID_RESTART)
-    ksp.pc.setType(PETSc.PC.Type.PYTHON)
-    ksp.pc.setPythonContext(_Factors(linear.ksp.pc, is_transposed=is_transposed and linear.has_transpose))
+    ksp = _krylov_method(operator, linear, is_transposed)
     given, r = b.copy(), b.duplicate()
     if director is not None:
         (director.enter_transposed if is_transposed else director.enter)(given)
