@@ -125,14 +125,8 @@ class Equations(DiscreteModel):
             self.chooser.analyse(solver, self.unknowns)
         options_of = f"{self.job.path or UNNAMED}: solver.petsc"
         linear = LinearSolver(system, solver.petsc, self.chooser.choose(solver), options_of)
-        return Equilibrium(
-            system,
-            linear,
-            Predictor(system, linear),
-            limit=solver.maximum_iterations,
-            # Kept tangents would lose the pressure that friction needs.
-            reuse=0.0 if weak_form.contacts.depends_on_path or not solver.reuse_tangent else 0.3,
-        )
+        reuse = 0.3 if solver.reuse_tangent else 0.0
+        return Equilibrium(system, linear, Predictor(system, linear), limit=solver.maximum_iterations, reuse=reuse)
 
     def release(self, equilibrium: Equilibrium) -> None:
         """Keep a solver for the next use, or destroy it if its weak form is not kept.

@@ -115,9 +115,10 @@ class _Request:
     load: float
     tolerance: Tolerance
     numbers: BorderedSolver
-    begins_near: bool
-    farthest: float
-    growths_allowed: int
+    begins_near: bool = False
+    farthest: float = math.inf
+    growths_allowed: int = NewtonMonitor.growths_allowed
+    keeps: bool = False
 
 
 class Equilibrium:
@@ -129,7 +130,7 @@ class Equilibrium:
     out, or strain it beyond the domain of its law, is halved.
 
     Args:
-        reuse: largest contraction at which the tangent is kept, 0 for full Newton.
+        reuse: largest contraction at which the tangent is kept, 0 for full Newton, which load steps with friction have.
 
     Attributes:
         observer: observer of the iterations; it is asked on all ranks before each one whether to stop.
@@ -148,7 +149,7 @@ class Equilibrium:
             self.snes = self._create_snes()
             self.mip = ExtrapolatedStress(system)
         self.numbers = BorderedSolver(system, linear)
-        self._now = _Progress(self._monitor(1.0, self.numbers), self.numbers, 0.0)
+        self._now = _Progress(self._monitor(_Request(0.0, 1.0, self.numbers)), self.numbers, 0.0)
         self._is_softer = False  # whether the last solve failed, and friction gives way more from then on
         self._load = 0.0  # load factor of the last equilibrium
 
@@ -177,6 +178,7 @@ class Equilibrium:
         farthest: float = math.inf,
         numbers: BorderedSolver | None = None,
         growths_allowed: int = NewtonMonitor.growths_allowed,
+        keeps: bool = False,
     ) -> Solve:
         """Solve from the present state and numbers, which are unchanged if the outcome is not accepted.
 
@@ -188,11 +190,11 @@ class Equilibrium:
             farthest: ratio of the first correction to the prediction, both with the same tangent, above which the
                 solve ends (`Outcome.TOO_NONLINEAR`); the prediction's factors remain.
             numbers: the unknown numbers, if they are not the system's.
-            growths_allowed: as in `NewtonMonitor`.
+            growths_allowed, keeps: as in `NewtonMonitor`.
 
         The first solve with friction that diverges is made again with friction that gives way more, as later ones are.
         """
-        request = _Request(load, tolerance, numbers or self.numbers, begins_near, farthest, growths_allowed)
+        request = _Request(load, tolerance, numbers or self.numbers, begins_near, farthest, growths_allowed, keeps)
         solve = self._solve(request, predicted)
         if not self._is_softer:
             return solve
@@ -211,8 +213,7 @@ class Equilibrium:
         system.begin_contact_step(load)
         if system.weak_form.passages.has_passed():  # an obstacle that moves
             return self._passed_through(load, predicted, numbers)
-        monitor = self._monitor(request.tolerance, numbers, begins_near=request.begins_near and self.reuse > 0)
-        monitor.growths_allowed = request.growths_allowed
+        monitor = self._monitor(request)
         kept_numbers = numbers.kept_numbers()
         self._now = now = _Progress(monitor, numbers, load, kept_numbers)
         now.factorizations, now.farthest = linear.factorizations, request.farthest
@@ -242,7 +243,7 @@ class Equilibrium:
                 system.set_state(accepted)
                 numbers.restore(kept_numbers)
                 accepted.destroy()
-                return self._solve(replace(request, farthest=math.inf), before=predicted or before)
+                return self._solve(replace(request, farthest=math.inf, keeps=False), before=predicted or before)
             linear.forget_factors()
             outcome = linear.failure
         system.set_state(x)
@@ -389,9 +390,20 @@ class Equilibrium:
         for part in (self.snes, self._x, self._last_state, self._r, self.predictor, self.linear, self.system):
             part.destroy()
 
-    def _monitor(self, tolerance: Tolerance, numbers: BorderedSolver, *, begins_near: bool = False) -> NewtonMonitor:
-        inexact, floor = self.linear.configuration.error, self.floor(least=numbers.least)
-        return NewtonMonitor(tolerance, self.limit, self.reuse, begins_near, inexact=inexact, floor=floor)
+    def _monitor(self, request: _Request) -> NewtonMonitor:
+        # In load steps, kept tangents would lose the pressure that friction needs.
+        is_full = self.system.weak_form.contacts.depends_on_path and not request.keeps
+        reuse = 0.0 if is_full else self.reuse
+        return NewtonMonitor(
+            request.tolerance,
+            self.limit,
+            reuse,
+            request.begins_near and reuse > 0,
+            inexact=self.linear.configuration.error,
+            growths_allowed=request.growths_allowed,
+            keeps=request.keeps,
+            floor=self.floor(least=request.numbers.least),
+        )
 
     def _assemble_residual(self, _snes: PETSc.SNES, x: PETSc.Vec, b: PETSc.Vec) -> None:
         self.system.set_state(x)
@@ -428,7 +440,7 @@ class Equilibrium:
         self._now.numbers.is_stale = True
         now, count_before = self._now, self.linear.factorizations
         is_near = now.travelled <= now.too_far
-        self.linear.factorize(may_keep=self._takes_full_steps and self.reuse > 0 and is_near)
+        self.linear.factorize(may_keep=self._takes_full_steps and now.monitor.reuse > 0 and is_near)
         if self.linear.factorizations > count_before:
             now.travelled = 0.0
 

@@ -132,6 +132,7 @@ class NewtonMonitor:
         predicted: length of the step along the tangent that predicted the initial state; 0 without a prediction.
         inexact: relative error of a correction that the linear solver leaves.
         growths_allowed: number of iterations in which the correction may grow; with more of them it has diverged.
+        keeps: whether the first correction is tried with the last tangent of the solve before, which was near.
         floor: corrections are compared with it where the state is smaller, as where its exact value is zero.
     """
 
@@ -142,6 +143,7 @@ class NewtonMonitor:
     predicted: float = 0.0
     inexact: float = 0.0
     growths_allowed: int = 2
+    keeps: bool = False
     floor: Floor = field(default_factory=Floor)
     history: list[NewtonIteration] = field(default_factory=list)
 
@@ -172,10 +174,10 @@ class NewtonMonitor:
     def needs_new_tangent(self) -> bool:
         """True if the next correction needs a new tangent."""
         if not self.history:
-            return not (self.predicted and self.reuse)
+            return not ((self.predicted or self.keeps) and self.reuse)
         last = self.history[-1]
         tangents = sum(iteration.new_tangent for iteration in self.history)
-        is_first = last.new_tangent and tangents == 1
+        is_first = len(self.history) == 1 if self.keeps else last.new_tangent and tangents == 1
         if is_first and self.begins_near and last.correction <= self.first_close_correction * last.state:
             return False
         theta = self.contraction
@@ -197,6 +199,8 @@ class NewtonMonitor:
         """
         if self.floor.exceeds(correction, self.rounding):
             return True
+        if not self.history and self.keeps:
+            return correction <= self.first_close_correction * state
         if not self.history:
             return correction <= self.reuse * self.predicted and correction <= self.close_correction * state
         return correction <= self.renewal * self.history[-1].correction

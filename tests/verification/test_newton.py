@@ -191,6 +191,18 @@ def test_correction_of_a_kept_tangent_is_taken_only_if_it_contracts() -> None:
     assert NewtonMonitor(1e-10, limit=30, reuse=0.0, predicted=1.0).needs_new_tangent
 
 
+def test_solve_near_the_last_one_begins_with_its_tangent() -> None:
+    near = NewtonMonitor(1e-10, limit=30, reuse=0.3, begins_near=True, keeps=True)
+    assert not near.needs_new_tangent
+    assert near.accepts(4e-3, 1.0)
+    assert not near.accepts(6e-3, 1.0)  # far
+    assert near.judge(NewtonIteration(4e-3, 1.0, 1.0, False)) is None
+    assert not near.needs_new_tangent  # contraction is not known yet
+    assert near.judge(NewtonIteration(2e-3, 1.0, 1.0, False)) is None
+    assert near.needs_new_tangent  # hardly contracts
+    assert NewtonMonitor(1e-10, limit=30, reuse=0.0, keeps=True).needs_new_tangent
+
+
 def test_solve_is_given_up_where_a_correction_would_wind_the_body_up() -> None:
     first, wild = NewtonMonitor(1e-10, limit=30, reuse=0.3), Increment(rotation=20.0, strain=0.1)
     assert not first.is_too_large(wild)  # linear, as nothing is known yet

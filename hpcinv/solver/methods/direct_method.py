@@ -109,6 +109,8 @@ class DirectMethod(Method):
         If a solve fails, half of its update is taken back: slender bodies whose edge of contact lies between nodes have
         no solution near the state with the whole one.
 
+        Pressures and jumps change little: each solve begins with the tangent of the one before.
+
         The present state is a solution at the full load, which is reached when the contacts have settled.
 
         Source: Uzawa's method for contact, Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
@@ -120,8 +122,8 @@ class DirectMethod(Method):
                 system.weak_form.contacts.check_balance(self.equations.scales)
                 self.reached_load = 1.0
                 return
-            for _ in range(_MOST_HALVINGS + 1):
-                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True)
+            for halvings in range(_MOST_HALVINGS + 1):
+                solve = self.equilibrium.solve(1.0, tolerance, begins_near=True, keeps=halvings == 0)
                 yield replace(solve, strategy=AUGMENTATION)
                 if solve.outcome.accepted or solve.outcome is Outcome.INTERRUPTED:
                     break
