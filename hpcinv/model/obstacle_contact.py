@@ -150,7 +150,8 @@ class ObstacleContact:
 
     @property
     def penalty(self) -> float:
-        return float(self.par.penalty.x.array[0] if self._penalty is not None else present_value(self.par.penalty))
+        """Uniform penalty, scaled. Collective: a rank without cells has no vertex."""
+        return present_value(self.par.penalty) if self._penalty is None else self._largest(self._penalty)
 
     @contextmanager
     def moved(self, step: float, rates: Floats) -> Iterator[None]:
@@ -321,7 +322,7 @@ class ObstacleContact:
     def _penalty_in_si(self, scales: Scales) -> float | None:
         given = self.effect.penalty
         if self._penalty is not None:
-            return float(self._penalty[0]) * scales.stress / scales.length
+            return self.penalty * scales.stress / scales.length
         return None if given is None or isinstance(given, Field) else float(given)
 
     def totals(self) -> Floats:

@@ -131,7 +131,9 @@ class DegreeLevels:
         weights = self._straight_weights()[:, :, None] * keeps
         numbers = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         columns = 3 * index_map.local_to_global(numbers)[self._vertices][:, :, None] + np.arange(3)
-        rows = [part.transpose(0, 2, 1).reshape(self._nodes.size, -1)[self._order] for part in (columns, weights)]
+        rows = [
+            part.transpose(0, 2, 1).reshape(self._nodes.size, part.shape[1])[self._order] for part in (columns, weights)
+        ]
         order = np.argsort(rows[0], axis=1)
         columns, weights = (np.take_along_axis(part, order, axis=1) for part in rows)
         kept = weights != 0.0

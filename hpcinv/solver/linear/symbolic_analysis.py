@@ -61,7 +61,7 @@ def _vertex_graph(mesh: Mesh) -> PETSc.Mat:
     """
     topology = mesh.topology
     vertices, cells = topology.index_map(0), topology.index_map(3).size_local
-    corners = topology.connectivity(3, 0).array.reshape(len(topology.connectivity(3, 0)), -1)[:cells]
+    corners = topology.connectivity(3, 0).array.reshape(-1, mesh.ufl_cell().num_vertices)[:cells]
     numbers = vertices.local_to_global(corners.ravel()).reshape(corners.shape).astype(PETSc.IntType)
     graph = PETSc.Mat().create(mesh.comm)
     graph.setSizes(((vertices.size_local, vertices.size_global),) * 2)

@@ -188,4 +188,4 @@ def _shapes(kind: str, degree: int, points: Floats) -> Floats:
 
 def _tabulated(element: Any, points: Floats) -> Floats:
     """Return values (points, functions) of a scalar element."""
-    return np.asarray(element.tabulate(0, points)[0]).reshape(len(points), -1)
+    return np.asarray(element.tabulate(0, points)[0]).reshape(len(points), element.dim)
