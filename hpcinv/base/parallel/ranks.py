@@ -3,6 +3,7 @@
 This module loads MPI alone, in tenths of a second; `runtime` adds PETSc and DOLFINx.
 """
 
+import importlib.util
 import math
 import os
 import sys
@@ -10,6 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import NoReturn
 
 from hpcinv.base.parallel.home import provide_home
@@ -39,6 +41,20 @@ def _prepare_environment() -> None:
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
     provide_home()
     keep_freed_memory()
+    _find_library()
+
+
+def _find_library() -> None:
+    """Name the MPI library that was installed with mpi4py, where it is in another environment than this Python's.
+
+    An environment on top of another one, such as ``uv run --with torch`` makes, has no library of its own; mpi4py would
+    take one of the system, with which PETSc was not built.
+    """
+    specification = importlib.util.find_spec("mpi4py")
+    if specification is not None and specification.origin is not None:
+        library = Path(specification.origin).parents[3] / "libmpi.so.12"
+        if library.parent != Path(sys.prefix) / "lib" and library.exists():
+            os.environ.setdefault("MPI4PY_LIBMPI", str(library))
 
 
 _LONGER, _LONGEST = 1.2, 2e-3
