@@ -3,7 +3,7 @@
 All solve the same equations: linear hexahedra with 2 x 2 x 2 points, the isochoric neo-Hookean law with
 ``kappa/2 (J - 1)²``, the lower face held, the upper one moved by a fifth of the height and a tenth to the side, in one
 load step, to a relative error of 1e-8. The table has medians of processor seconds over rounds in which the programs
-take turns: one assembly of the tangent, the solution (with the set-up of unknowns and forms), and the whole process.
+take turns: of one assembly of the tangent, of the solution with the set-up of unknowns, and of the whole process.
 The distance is between the displacements of a node inside, relative to hpcinv's.
 
 felupe and scikit-fem are libraries: their users choose the solver of linear systems, here PARDISO of Intel's MKL by
@@ -69,7 +69,7 @@ def job_of(cells: int) -> dict[str, Any]:
 
 
 def by_hpcinv(cells: int, place: Path) -> Measured:
-    """Solve it by a run with output, from which the deck is written."""
+    """Solve it by a run whose output the deck is made of."""
     import hpcinv
 
     result, seconds = timed(lambda: hpcinv.run(job_of(cells), directory=place / RUN, overwrite=True, progress=False))

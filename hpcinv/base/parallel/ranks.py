@@ -48,7 +48,7 @@ def _find_library() -> None:
     """Name the MPI library that was installed with mpi4py, where it is in another environment than this Python's.
 
     An environment on top of another one, such as ``uv run --with torch`` makes, has no library of its own; mpi4py would
-    take one of the system, with which PETSc was not built.
+    take one of the system, which is not the one of PETSc.
     """
     specification = importlib.util.find_spec("mpi4py")
     if specification is not None and specification.origin is not None:
