@@ -68,9 +68,13 @@ class Jump:
         self._inverse_areas = np.where(self.areas > 0, 1 / np.where(self.areas > 0, self.areas, 1.0), 0.0)
         self.vectors: Floats = sums[:, 4:7] * self._inverse_areas[:, None]
         self.gaps: Floats = np.einsum("ni,ni->n", self.normals, sums[:, 4:7]) * self._inverse_areas
+        starts = segments.starts
         parts = [
-            _summed(places, -weighted[:, :, None] * shapes[:, None], first.unknowns[i]),
-            _summed(places, weighted[:, :, None] * opposite[:, None], second.unknowns[j]),
+            _summed(places[starts], np.add.reduceat(weighted[:, :, None] * shapes[:, None], starts), unknowns[starts])
+            for weighted, shapes, unknowns in (
+                (-weighted, shapes, first.unknowns[i]),
+                (weighted, opposite, second.unknowns[j]),
+            )
         ]
         self._rows, self._unknowns, self._weights = (np.concatenate(part) for part in zip(*parts, strict=True))
 
@@ -111,10 +115,10 @@ class Jump:
 
 
 def _summed(places: Ints, values: Floats, unknowns: Ints) -> tuple[Ints, Ints, Floats]:
-    """Return sums of values (points, functions, nodes) by function and node: functions, unknowns (n, 3) and sums."""
-    points, functions, nodes = values.shape
+    """Return sums of values (pairs, functions, nodes) by function and node: functions, unknowns (n, 3) and sums."""
+    pairs, functions, nodes = values.shape
     rows = np.broadcast_to(places[:, :, None], values.shape).ravel()
-    columns = np.broadcast_to(unknowns[:, None], (points, functions, nodes, 3)).reshape(-1, 3)
+    columns = np.broadcast_to(unknowns[:, None], (pairs, functions, nodes, 3)).reshape(-1, 3)
     width = int(columns[:, 0].max(initial=0)) + 1
     _, first, place = np.unique(rows * width + columns[:, 0], return_index=True, return_inverse=True)
     sums = np.zeros(len(first))

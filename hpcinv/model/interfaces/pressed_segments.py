@@ -41,7 +41,7 @@ class PressedSegments:
     ) -> None:
         self._comm, self._owned, self._count = comm, owned, len(names)
         self._directions_of_force = segments.normals if fixes_normals else None
-        self._facets, j = segments.first, segments.second
+        self._facets, j, self._starts = segments.first, segments.second, segments.starts
         values = first.kind.values(segments.first_places)
         opposite = second.kind.values(segments.second_places)[0]
         self._hats = first.kind.corner_values(segments.first_places)
@@ -99,9 +99,10 @@ class PressedSegments:
     def force_matrix(self, points: Floats) -> PETSc.Mat:
         """Return the matrix (corners, unknowns) whose transpose makes forces of pressures; collective."""
         areas = self.areas(points)
-        values = np.einsum("nc,nk,nd->nckd", self._hats, self._jump_values, areas)
-        rows = np.broadcast_to(self._corners[:, :, None, None], values.shape)
-        columns = np.broadcast_to(self._jump_columns[:, None], values.shape)
+        at_points = np.einsum("nc,nk,nd->nckd", self._hats, self._jump_values, areas)
+        values = np.add.reduceat(at_points, self._starts)
+        rows = np.broadcast_to(self._corners[self._starts, :, None, None], values.shape)
+        columns = np.broadcast_to(self._jump_columns[self._starts, None], values.shape)
         return self._matrix((PETSc.DECIDE, self._count), rows, columns, values)
 
     def turning(self, pressures: Floats, points: Floats, free: PETSc.Vec | None = None) -> PETSc.Mat:

@@ -60,6 +60,12 @@ class Segments:
     gaps: Floats
     rigid_points: Floats
 
+    @property
+    def starts(self) -> Ints:
+        """Numbers of the first points on each pair of facets; the other points of a pair follow them."""
+        changes = (np.diff(self.first, prepend=-1) != 0) | (np.diff(self.second, prepend=-1) != 0)
+        return np.flatnonzero(changes)
+
 
 def segments(
     first: Facets, second: Facets, reach: float, *, share_nodes: bool = False, one_body: OneBody | None = None
