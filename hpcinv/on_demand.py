@@ -68,6 +68,7 @@ FUNCTIONS = {
     "regions of an array": "hpcinv.mesh.label_groups:add_label_groups",
     "report of a run": "hpcinv.pages.reports.run_page:write_run_report",
     "response to gaps": "hpcinv.trust.intervals.gap_response:gap_response",
+    "distance without tractions": "hpcinv.trust.intervals.gap_response:unpressed_distance",
     "rigid motion": "hpcinv.physics.kinematics.rigid_motion:RigidMotion",
     "search for accuracy": "hpcinv.trust.accuracy.search:Search",
     "settled contacts": "hpcinv.trust.sensitivity.settled_contacts:SettledContacts",

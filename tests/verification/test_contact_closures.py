@@ -86,6 +86,14 @@ def test_bodies_with_too_much_pressure_overlap_unloaded(comm: MPI.Intracomm) -> 
     moved = np.linalg.norm(other.solutions[0].u - result.solutions[0].u, axis=1).max()
     line = lines["change of the shape by an error of the given gaps"]
     assert line.value == pytest.approx(moved, rel=0.02)
+    touching = solved(comm, {"closure": "touching"}, analysis="inverse", certificate={"level": "quick"})
+    moved = np.linalg.norm(touching.solutions[0].u - result.solutions[0].u, axis=1).max()
+    distance = "distance of the shape from another closure"
+    assert lines[distance].value == pytest.approx(moved, rel=0.2)  # to first order: bodies are pressed by a tenth
+    assert touching.certificate is not None
+    (line,) = (line for line in touching.certificate.lines if line.name == distance)
+    assert line.verdict is Verdict.SKIPPED
+    line = lines["change of the shape by an error of the given gaps"]
     change = other.quantities["gap"] - result.quantities["gap"]
     assert float(re.findall(r"'gap' by (\d+) µm", line.note)[0]) == pytest.approx(1e6 * abs(change), rel=0.02)
 

@@ -1,4 +1,4 @@
-"""Given gaps: what an error of the gap between given surfaces that press on each other changes."""
+"""Closures: what an error of the gap between given surfaces changes, and how far another assumption lies."""
 
 from __future__ import annotations
 
@@ -21,6 +21,15 @@ GAPS = topic(
     thresholds="never; not decided with friction, for free parts, and for a pressure of least energy",
     costs="a factorization and up to 30 substitutions",
 )
+CLOSURES = topic(
+    "distance of the shape from another closure",
+    "A given shape does not determine the contact pressure. Unloaded bodies without any fit it, too; the line shows how"
+    " far they are from these.",
+    "Say what is 'known' of the contact, and ask for 'uncertainty: contact'.",
+    computed="change of the positions if all contact tractions were zero (`touching`), to first order",
+    thresholds="never; not checked for `touching` itself, not decided for parts that contact alone holds",
+    costs="a factorization and a substitution",
+)
 _RULE = "largest change of a position; no threshold"
 
 
@@ -33,6 +42,7 @@ class GivenGapsCheck(Check):
         return super().applies(run) and run.solution.direction == "inverse" and bool(_assumed(run))
 
     def lines(self, run: CheckedRun) -> Iterator[Line]:
+        yield _distance(run)
         equations, solution = run.equations, run.solution
         if reason := _undecided(_assumed(run)):
             yield Line(GAPS, None, "m", _RULE, Verdict.UNDECIDED, reason)
@@ -51,6 +61,23 @@ class GivenGapsCheck(Check):
         note = f"gaps that are {readable(found.error, 'm')} larger or smaller change {', '.join(changes)}"
         note += f"; the position at ({point_text(found.place)}) m of the given mesh changes most; to first order"
         yield Line(GAPS, found.largest, "m", _RULE, Verdict.PASS, note)
+
+
+def _distance(run: CheckedRun) -> Line:
+    """Return the line on bodies without contact tractions."""
+    solution = run.solution
+    if not any(report.largest_pressure for report in solution.contacts):
+        note = "no contact presses: 'uncertainty: contact' shows how far bodies are that press on each other"
+        return Line(CLOSURES, None, "m", _RULE, Verdict.SKIPPED, note)
+    try:
+        distance, place = on_demand("distance without tractions")(run.equations, solution)
+    except SolveError as fault:
+        return Line(CLOSURES, None, "m", _RULE, Verdict.UNDECIDED, fault.message)
+    note = (
+        f"with 'closure: touching', the position at ({point_text(place)}) m of the given mesh would change most; to"
+        " first order"
+    )
+    return Line(CLOSURES, distance, "m", _RULE, Verdict.PASS, note)
 
 
 def _assumed(run: CheckedRun) -> list[Interface]:

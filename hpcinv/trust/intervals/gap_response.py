@@ -1,4 +1,4 @@
-"""Derivatives of an inverse solution by an error of the gaps between its given surfaces.
+"""Derivatives of an inverse solution by an error of the gaps between its given surfaces, and by their pressures.
 
 A closure that finds pressures sets the gaps of the unloaded bodies: ``g = c - B u = g₀`` where pressures act. If all
 given gaps ``c`` are larger by ``δ``, pressures and shape follow as
@@ -7,6 +7,8 @@ given gaps ``c`` are larger by ``δ``, pressures and shape follow as
 
 The tangent ``K = K₀ + Bᵀ ε B`` has the penalty ε. With its factors, ``dp`` follows by Uzawa's method,
 ``dp ← dp - ε (B du - δ)``, accelerated.
+
+Without tractions, ``dp = -p``: penalties are lowered so far that ``K`` is ``K₀``.
 
 Source: Simo & Laursen (1992), doi:10.1016/0045-7949(92)90540-G.
 """
@@ -35,6 +37,8 @@ _ERROR = 2.0**-10
 _MOST = 30
 """Updates of the pressures. Raised, weakly held pressures are found after more substitutions."""
 _SETTLED = 1e-4  # share of the error that may be left of the gaps
+_LOWERED = 2.0**-60
+"""Penalties by the ones of the solve. Raised, pressures answer a change of the shape; lowered, nothing changes."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,51 @@ def gap_response(equations: Equations, solution: Solution) -> GapResponse:
         if isinstance(values[0][q.name], float)
     }
     return GapResponse(error * equations.scales.length, largest, np.array(place), forces, changes)
+
+
+def unpressed_distance(equations: Equations, solution: Solution) -> tuple[float, Floats]:
+    """Return the distance of an inverse solution from bodies without contact tractions, to first order; collective.
+
+    Returns:
+        Largest change of a node's position (m), and that node of the given mesh (m).
+
+    Raises:
+        SolveError: on all ranks, if the tangent is singular, or contact alone holds a part.
+    """
+    equations.put(solution)
+    weak_form = equations.weak_form("inverse")
+    equilibrium = equations.equilibrium(weak_form)
+    system, unknowns = equilibrium.system, equations.unknowns
+    system.set_load(1.0)
+    system.locate_contacts()
+    pairs = [pair for pair in weak_form.contacts.pairs if pair.assumes_pressure]
+    b, x = system.rhs.duplicate(), system.rhs.duplicate()
+    b.array[:] = sum(pair.forces_of(-pair.pressures, -pair.tangential) for pair in pairs)
+    equations.supports.free(b.array)
+    for pair in pairs:
+        pair.scale_penalties(_LOWERED)
+    try:
+        if weak_form.contacts.pins:
+            raise SolveError("contact alone holds a part, so pressure balances its loads")
+        numbers = FollowedNumbers(equations, solution, equilibrium)
+        try:
+            numbers.solve(b, np.zeros(numbers.count), x)
+        finally:
+            numbers.destroy()
+        moves = np.linalg.norm(x.array[unknowns.owned_displacement_dofs].reshape(-1, 3), axis=1)
+    finally:
+        for pair in pairs:
+            pair.scale_penalties(1 / _LOWERED)
+        b.destroy()
+        x.destroy()
+        equations.release(equilibrium)
+    length, points = equations.scales.length, unknowns.owned_displacement_points()
+    node = int(moves.argmax()) if len(moves) else 0
+    own = (float(moves[node]), tuple(points[node].tolist())) if len(moves) else (0.0, ())
+    largest, place = max(equations.body.mesh.comm.allgather(own))
+    if not largest <= equations.body.length:
+        raise SolveError("contact alone holds a part, or its tractions act far beyond small changes")
+    return largest * length, np.array(place) * length
 
 
 def _error(pairs: Sequence[SurfacePair], equations: Equations) -> float:
