@@ -207,6 +207,17 @@ class LinearSolver:
         )
 
     @property
+    def has_set_up(self) -> bool:
+        """True if there are such factors, or multigrid whose memory was not freed."""
+        is_multigrid = self.configuration.name == "iterative"
+        return self.has_factors or (is_multigrid and max(self._factorized, self._released) >= 0)
+
+    @property
+    def has_linear_preconditioner(self) -> bool:
+        """True if the preconditioner is linear: none by iterations, which PETSc's options of the job may choose."""
+        return not self._has_options and self.system.weak_form.unknowns.p is None
+
+    @property
     def has_transpose(self) -> bool:
         """True if factors or preconditioner can be applied transposed, which PETSc's options of the job may prevent."""
         return self.configuration.name == "direct" or not self._has_options

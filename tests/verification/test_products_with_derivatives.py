@@ -19,6 +19,7 @@ from hpcinv.errors import JobError
 from hpcinv.mesh.body import whole_in_source_order
 from hpcinv.model.assembly.system import System
 from hpcinv.output.result import Result
+from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.workspace import Workspace
 
 STEP = 1e-4  # relative; differences of second order have an error of 1e-8, and of 1e-5 on one of the bodies
@@ -317,23 +318,32 @@ def test_transposed_multigrid_gives_the_products_of_factors(comm: MPI.Intracomm,
 def test_products_at_one_solution_assemble_its_tangent_once(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, linear: str
 ) -> None:
-    """Later runs in the workspace, and a result without one, have tangents of their own."""
+    """Later runs in the workspace, and a result without one, have tangents of their own; set-ups of runs serve."""
     made: list[System] = []
-    assemble = System.tangent
+    set_up: list[LinearSolver] = []
+    assemble, prepare = System.tangent, LinearSolver._set_up
+
+    def prepared(solver: LinearSolver) -> None:
+        set_up.append(solver)
+        prepare(solver)
 
     def counted(system: System, *terms: Any) -> None:
         made.append(system)
         assemble(system, *terms)
 
     monkeypatch.setattr(System, "tangent", counted)
+    monkeypatch.setattr(LinearSolver, "_set_up", prepared)
     with Workspace(comm) as workspace:
-        first = hpcinv.run(small(solver={"linear": linear}), comm, workspace=workspace, progress=False)
+        plain = {"solver": {"linear": linear}, "certificate": "off"}
+        first = hpcinv.run(small(**plain), comm, workspace=workspace, progress=False)
         for count, again in ((1, False), (0, False), (1, True), (0, False)):
             if again:
-                stiffer = small(solver={"linear": linear}, material={"law": "neo-hookean", "mu": 4e4, "poisson": 0.3})
+                stiffer = small(**plain, material={"law": "neo-hookean", "mu": 4e4, "poisson": 0.3})
                 hpcinv.run(stiffer, comm, workspace=workspace, progress=False)
             made.clear()
+            set_up.clear()
             gradient = first.vjp({"tip": 1.0}, nodes=True)
             along = first.jvp({"material.mu": 1.0})
             assert len(made) == count
+            assert not set_up
             assert along["tip"] == pytest.approx(gradient.numbers["material.mu"], rel=1e-8)

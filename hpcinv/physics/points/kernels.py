@@ -83,6 +83,8 @@ class Structures:
         made.num_constants = len(constants)
         made.constant_ranks = self._array("int", [len(c.ufl_shape) for c in constants])
         made.constant_shapes = self._array("int *", [self._array("int", c.ufl_shape) for c in constants])
+        made.coefficient_name_map = self._names("w", len(programs.functions))
+        made.constant_name_map = self._names("c", len(constants))
         made.finite_element_hashes = self._array("uint64_t", [0] * (made.rank + len(programs.functions)))
         made.form_integrals = self._array("ufcx_integral *", parts)
         made.form_integral_ids = self._array("int", [integral.number for integral in integrals])
@@ -111,6 +113,11 @@ class Structures:
         made = self.ffi.new(f"{kind}[]", list(values)) if values else self.ffi.NULL
         self._kept.append(made)
         return made
+
+    def _names(self, letter: str, count: int) -> Any:
+        """Return the names by which DOLFINx finds functions and constants of a form that was compiled without them."""
+        texts = [[c.encode("ascii") for c in f"{letter}{i}\0"] for i in range(count)]
+        return self._array("char *", [self._array("char", text) for text in texts])
 
     def _kernel(self, programs: Sequence[Program], place: Place) -> Any:
         kernel = kernel_of(programs, place)

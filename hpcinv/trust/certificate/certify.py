@@ -50,9 +50,10 @@ class CheckedRun:
         self.has_unknown_loads = bool(self.solution.constraints)
 
     def free(self) -> None:
-        """Free factors; those that are needed again are made again."""
+        """Free factors that checks have used; those that are needed again are made again."""
         self.forward.destroy()
-        self.equations.free_multigrid()
+        if self.solution.job.certificate.level != "off":  # derivatives can use multigrid
+            self.equations.free_multigrid()
 
 
 class Check(ABC):

@@ -29,7 +29,7 @@ from hpcinv.trust.sensitivity.linear_products import solve
 from hpcinv.trust.sensitivity.linearised import SHAPE, Linearised
 from hpcinv.trust.sensitivity.quantity_covectors import is_at_points
 from hpcinv.trust.sensitivity.sensitivities import Gradient
-from hpcinv.trust.sensitivity.variations import Variations, action
+from hpcinv.trust.sensitivity.variations import Variations
 
 
 def vjp(
@@ -116,7 +116,7 @@ class _Adjoint(Linearised):
         """Virtual work of the equations' residual on the adjoint state."""
         made: Variations = self._kept(
             "work of the adjoint",
-            lambda: Variations(action(self._weak_form.residual, self._weak_form, self._adjoint), self._weak_form),
+            lambda: Variations(self._weak_form.residual, self._weak_form, self._adjoint),
         )
         return made
 

@@ -8,8 +8,8 @@ differentiate.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Any
 
 import basix
@@ -30,12 +30,15 @@ class Variations:
 
     Args:
         form: of the state, the parameters and the functions of ``weak_form``.
+        weight: a function that takes the place of the test functions.
     """
 
-    def __init__(self, form: Any, weak_form: WeakForm) -> None:
-        self._weak_form, self._form = weak_form, form
+    def __init__(self, form: Any, weak_form: WeakForm, weight: fem.Function | None = None) -> None:
+        self._weak_form, self._given = weak_form, form
+        self._replaced: dict[Any, Any] = {} if weight is None else {weak_form.unknowns.test: weight}
         self._mesh = weak_form.unknowns.mesh
         self._known: dict[Any, fem.Form] = {}
+        self._on_facets: dict[str, Any] = {}  # compiled, for facets of all local numbers
         self._rates: dict[fem.Function, fem.Function] = {}
 
     @cached_property
@@ -59,8 +62,12 @@ class Variations:
         return fem.Function(self._weak_form.unknowns.nodal_space)
 
     @cached_property
+    def _form(self) -> Any:
+        return ufl.replace(self._given, self._replaced) if self._replaced else self._given
+
+    @cached_property
     def _with_entries(self) -> Any:
-        return ufl.replace(self._form, {self._weak_form.parameters.constant: self._entries})
+        return ufl.replace(self._given, {**self._replaced, self._weak_form.parameters.constant: self._entries})
 
     def value(self) -> float:
         """Return the part of this rank's cells of a form without arguments."""
@@ -83,10 +90,7 @@ class Variations:
             return
         self._set_entries()
         for facet in range(len(basix.topology(self._mesh.basix_cell())[2])):
-            yield facet, self._of_cells(self._values(("facet", facet), partial(self._of_facets, facet)))
-
-    def _of_facets(self, facet: int) -> Any:
-        return self._by_entries(_on_facets(self._on_surface, facet))
+            yield facet, self._of_cells(self._facet_values("entries", facet, self._by_entries))
 
     @cached_property
     def _on_surface(self) -> list[Any]:
@@ -116,15 +120,13 @@ class Variations:
 
     def along_entries_of_facets(self, facet: int, rates: Floats) -> Floats:
         """Return what integrals over facets of one local number add to `along_entries`."""
-        integrals = self._on_surface
-        if not integrals:
+        if not self._on_surface:
             return np.zeros(len(self._weak_form.unknowns.state.x.array))
         self._set_entries()
         self._set_rates(rates)
-        return self._values(("along facets", facet), partial(self._along_facets, facet))
-
-    def _along_facets(self, facet: int) -> Any:
-        return ufl.derivative(_on_facets(self._on_surface, facet), self._entries, self._entry_rates)
+        return self._facet_values(
+            "along entries", facet, lambda form: ufl.derivative(form, self._entries, self._entry_rates)
+        )
 
     def along_function(self, function: fem.Function, rate: fem.Function) -> Floats:
         """Return the derivative of a form linear in test functions along the rate of a function."""
@@ -163,11 +165,37 @@ class Variations:
         """Assemble a form of rank 1, which is made if it is not known."""
         if key not in self._known:
             self._known[key] = fem.form(form())
-        made = self._known[key]
-        spaces = made.function_spaces[0].dofmap
-        result = np.zeros(spaces.index_map_bs * (spaces.index_map.size_local + spaces.index_map.num_ghosts))
-        fem.assemble_vector(result, made)
-        return result
+        return _assembled(self._known[key])
+
+    def _facet_values(self, key: str, facet: int, derivative: Callable[[Any], Any]) -> Floats:
+        """Assemble a derivative of the integrals over the surface, on facets of one local number."""
+        if (key, facet) not in self._known:
+            if key not in self._on_facets:
+                form = derivative(ufl.Form(self._on_surface))
+                self._on_facets[key] = fem.compile_form(self._mesh.comm, form)
+            self._known[key, facet] = self._facet_form(self._on_facets[key], facet)
+        return _assembled(self._known[key, facet])
+
+    def _facet_form(self, compiled: Any, facet: int) -> fem.Form:
+        form, numbers = compiled.ufl_form, {i.subdomain_id() for i in self._on_surface}
+        regions = {number: entities for i in self._on_surface for number, entities in i.subdomain_data()}
+        pairs = [(n, _of_facet(entities, facet)) for n, entities in regions.items() if n in numbers]
+        return fem.create_form(
+            compiled,
+            [argument.ufl_function_space() for argument in form.arguments()],
+            self._mesh,
+            {fem.IntegralType.exterior_facet: pairs},
+            {function: function for function in form.coefficients()},
+            {constant: constant for constant in form.constants()},
+        )
+
+
+def _assembled(made: fem.Form) -> Floats:
+    """Return this rank's part of a vector, at local degrees of freedom."""
+    spaces = made.function_spaces[0].dofmap
+    result = np.zeros(spaces.index_map_bs * (spaces.index_map.size_local + spaces.index_map.num_ghosts))
+    fem.assemble_vector(result, made)
+    return result
 
 
 def _weighted(form: Any, mesh: Any) -> Any:
@@ -176,27 +204,6 @@ def _weighted(form: Any, mesh: Any) -> Any:
     return ufl.Form([part.reconstruct(integrand=part.integrand() * weight) for part in form.integrals()])
 
 
-def _on_facets(integrals: Sequence[Any], facet: int) -> Any:
-    """Return integrals over the surface, on facets of one local number.
-
-    All of them share one list of regions, as DOLFINx requires.
-    """
-    chosen: dict[int, list[tuple[int, Any]]] = {}
-    parts = []
-    for integral in integrals:
-        data = integral.subdomain_data()
-        if id(data) not in chosen:
-            chosen[id(data)] = [(number, _of_facet(entities, facet)) for number, entities in data]
-        parts.append(integral.reconstruct(subdomain_data=chosen[id(data)]))
-    return ufl.Form(parts)
-
-
 def _of_facet(entities: Any, facet: int) -> Any:
     pairs = np.asarray(entities).reshape(-1, 2)
     return np.ascontiguousarray(pairs[pairs[:, 1] == facet].ravel())
-
-
-def action(form: Any, weak_form: WeakForm, weight: fem.Function) -> Any:
-    """Return a form linear in the test functions of a weak form with a function instead of them."""
-    replaced: Mapping[Any, Any] = {weak_form.unknowns.test: weight}
-    return ufl.replace(form, replaced)
