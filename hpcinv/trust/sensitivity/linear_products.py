@@ -108,7 +108,8 @@ def _krylov(linear: LinearSolver, operator: PETSc.Mat, *, is_earlier: bool) -> P
     tolerance = _MULTIGRID_TOLERANCE
     if linear.has_linear_preconditioner:
         ksp.setType(PETSc.KSP.Type.GMRES)
-        ksp.setPCSide(PETSc.PC.Side.LEFT)
+        left: Any = PETSc.PC.Side.LEFT  # an int, whatever its stub says
+        ksp.setPCSide(left)
         tolerance = _ERROR
     limit = _MULTIGRID_RESTART if is_earlier else _MULTIGRID_ITERATIONS
     ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=limit)
