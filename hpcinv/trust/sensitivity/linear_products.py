@@ -5,7 +5,7 @@ instead of a factorization. So does multigrid, if its memory was not freed. Its 
 tangent, unless the job has PETSc options: they may choose a preconditioner without a transpose.
 
 Multigrid for displacements alone is linear, so that GMRES can be preconditioned from the left. Its residual then
-measures the error of the solution. Residuals of the tangent are larger, and took 52 iterations instead of 30 on a block.
+measures the error of the solution. By the residual of the tangent, a block took 52 iterations instead of 30.
 
 Source: Saad, SIAM J. Sci. Comput. 14, 461-469, 1993, doi:10.1137/0914028.
 """
@@ -85,15 +85,24 @@ def _solves(
     operator.mult(x, r)
     r.axpy(-1.0, given)
     residual, size, frobenius = norm(r), norm(given), cast(float, matrix.norm(PETSc.NormType.FROBENIUS))
-    growth = frobenius * norm(x) / (size or 1.0)
-    is_accurate = residual <= _ENOUGH * size or (growth <= _GROWTH and residual <= _ROUNDING * growth * size)
-    if ksp.getType() == PETSc.KSP.Type.GMRES:
-        is_accurate |= growth <= _GROWTH and cast(int, ksp.getConvergedReason()) > 0
+    is_accurate = _is_accurate(ksp, residual, size, frobenius * norm(x) / (size or 1.0))
     if director is not None:
         (director.leave_transposed if is_transposed else director.to_nodes)(x)
     for part in (ksp, given, r, *([operator] if is_transposed else [])):
         part.destroy()
-    return is_accurate  # False of NaN, which failed factors give
+    return is_accurate
+
+
+def _is_accurate(ksp: PETSc.KSP, residual: float, size: float, growth: float) -> bool:
+    """Return whether a solution is accurate, by its residual, the right-hand side, and ``‖K‖ ‖x‖`` over that.
+
+    NaN, which failed factors give, is not.
+    """
+    if residual <= _ENOUGH * size:
+        return True
+    if ksp.getType() == PETSc.KSP.Type.GMRES:
+        return growth <= _GROWTH and cast(int, ksp.getConvergedReason()) > 0
+    return growth <= _GROWTH and residual <= _ROUNDING * growth * size
 
 
 def _krylov(linear: LinearSolver, operator: PETSc.Mat, *, is_earlier: bool) -> PETSc.KSP:
