@@ -81,13 +81,6 @@ def rule_directions(body: Body, rule: FibreRule, where: str) -> Directions:
     return directions
 
 
-def assume_directions(body: Body, rule: FibreRule, where: str) -> None:
-    """Let the directions of a rule on a body be one direction: the body is a sample of cells, without the wall."""
-    function = fem.Function(fem.functionspace(body.mesh, ("DG", _DEGREE, (3,))), name=where)
-    function.x.array.reshape(-1, 3)[:, 0] = 1.0
-    body.computed[_key(rule)] = Directions(function, 0, 0)
-
-
 def _key(rule: FibreRule) -> str:
     return f"fibres {rule.model_dump_json()}"
 

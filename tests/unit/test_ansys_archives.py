@@ -38,6 +38,12 @@ def test_integers_of_several_widths(form: str, tmp_path: Path) -> None:
     assert arrays["points"].tolist() == [list(map(float, point)) for point in POINTS]
 
 
+def test_types_of_elements_in_a_block(tmp_path: Path) -> None:
+    block = "ETBLOCK,        1,        1\n(2i9,19a9)\n        1      285        0        0\n       -1\n"
+    ignored, arrays = read(tmp_path, archive().replace("et,1,285\n", block))
+    assert (ignored, len(arrays["cells"])) == ([], 1)
+
+
 def test_contacts_and_components_of_the_geometry_are_left_out_and_named(tmp_path: Path) -> None:
     more = (
         "*set,cid,3\net,cid,174\net,tid,170\neblock,10,,,2\n(15i9)\n      901        3        3        3        0\n-1\n"

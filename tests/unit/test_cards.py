@@ -62,9 +62,9 @@ def stiff(s: State) -> Any:
     return quadratic(s, mp.matrix([[d[0], d[1], d[3]], [d[1], d[2], d[4]], [d[3], d[4], d[5]]]), d[6:])
 
 
-def ligament(s: State, c3: float, c4: float, c5: float, limit: float) -> Any:
+def ligament(s: State, c3: float, c4: float, c5: float, limit: float, *, isochoric: bool = True) -> Any:
     """Energy of FEBio's fibres (``FEFiberExpLinearUC``), by the exponential integral."""
-    stretch = mp.sqrt(s.I4(FIBRES["fibre1"])) * s.J ** (-mp.mpf(1) / 3)
+    stretch = mp.sqrt(s.I4(FIBRES["fibre1"])) * (s.J ** (-mp.mpf(1) / 3) if isochoric else 1)
     c3 = c3 or c5 / c4 * mp.exp(-c4 * (limit - 1))
     l = max(min(stretch, limit), 1)
     c6 = c3 * (mp.exp(c4 * (limit - 1)) - 1) - c5 * limit
@@ -157,6 +157,19 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
         f"C10=0.3\nTB,HYPER,1,1,3,MOONEY\nTBDATA,1,C10,0.2,0.05,{D}",
         lambda s: (
             0.3 * (s.I1_bar - 3) + 0.2 * (s.I2_bar - 3) + 0.05 * (s.I1_bar - 3) * (s.I2_bar - 3) + (s.J - 1) ** 2 / D
+        ),
+    ),
+    "ansys poly": (
+        ansys,
+        f"TB,HYPER,1,,2,POLY\nTBDATA,1,0.3,0.2,0.01,0.02,0.03,{D}\nTBDATA,7,0.5",
+        lambda s: (
+            0.3 * (s.I1_bar - 3)
+            + 0.2 * (s.I2_bar - 3)
+            + 0.01 * (s.I1_bar - 3) ** 2
+            + 0.02 * (s.I1_bar - 3) * (s.I2_bar - 3)
+            + 0.03 * (s.I2_bar - 3) ** 2
+            + (s.J - 1) ** 2 / D
+            + (s.J - 1) ** 4 / 0.5
         ),
     ),
     "ansys ogden": (
@@ -301,6 +314,48 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
             + 40 / 2 * (s.J - 1) ** 2
         ),
     ),
+    "febio Holmes-Mow": (
+        febio,
+        material("Holmes-Mow", E=1.2, v=0.25, beta=0.8),  # lam = mu = 0.48
+        lambda s: (
+            1.44
+            / 3.2
+            * (mp.exp(0.8 * (0.48 * (s.I1 - 3) + 0.48 * (s.I2 - 3) - mp.mpf("1.44") * mp.ln(s.J**2)) / 1.44) - 1)
+        ),
+    ),
+    "febio Fung-ortho-compressible": (
+        febio,
+        """<material id="1" type="Fung-ortho-compressible"><E1>10</E1><E2>5</E2><E3>4</E3><v12>0.3</v12><v23>0.1</v23>
+        <v31>0.08</v31><G12>3</G12><G23>1</G23><G31>2</G31><c>8</c><k>6</k>
+        <mat_axis type="vector"><a>0.6,0.8,0</a><d>-0.8,0.6,0</d></mat_axis></material>""",
+        lambda s: 8 / 2 * (mp.exp(2 * quadratic(s, COMPLIANCE**-1, (3, 2, 1)) / 8) - 1) + 6 / 2 * mp.ln(s.J) ** 2,
+    ),
+    "febio coupled trans-iso Mooney-Rivlin": (
+        febio,
+        material("coupled trans-iso Mooney-Rivlin", c1=0.3, c2=0.2, c3=0.5, c4=2, c5=3, lam_max=1.05, k=40).replace(
+            "</material>", FIBRE
+        ),
+        lambda s: (
+            0.3 * (s.I1 - 3)
+            + 0.2 * (s.I2 - 3)
+            - 2 * (0.3 + 2 * 0.2) * mp.ln(s.J)
+            + ligament(s, 0.5, 2, 3, 1.05, isochoric=False)
+            + 40 / 2 * mp.ln(s.J) ** 2
+        ),
+    ),
+    "febio HGO unconstrained": (
+        febio,
+        material("HGO unconstrained", c=0.5, k1=0.6, k2=0.8, kappa=0.1, gamma=ANGLE, k=40),
+        lambda s: (
+            0.5 / 2 * (s.I1 - 3)
+            - 0.5 * mp.ln(s.J)
+            + 40 / 2 * ((s.J**2 - 1) / 2 - mp.ln(s.J))
+            + sum(
+                0.6 / 1.6 * (mp.exp(0.8 * max(0.1 * (s.I1 - 3) + 0.7 * (s.I4(a) - 1), 0) ** 2) - 1)
+                for a in FIBRES.values()
+            )
+        ),
+    ),
     "febio coupled Mooney-Rivlin": (
         febio,
         material("coupled Mooney-Rivlin", c1=0.3, c2=0.2, k=4),
@@ -324,6 +379,12 @@ def test_the_law_of_a_card_has_the_energy_of_its_program(name: str) -> None:
                 )
                 expected = mp.diff(lambda x, path=path: theirs(State(path(x))), place)
                 assert float(ours) == pytest.approx(float(expected), rel=1e-12), f"{kind} {place}"
+
+
+def test_each_law_of_febio_has_its_energy_in_a_test() -> None:
+    shown = {name for name in febio.LAWS if any(f'type="{name}"' in text for _, text, _ in CASES.values())}
+    elsewhere = {"incomp neo-Hookean", "Arruda-Boyce unconstrained"}  # below
+    assert {*febio.LAWS} - shown - elsewhere == {name for name in febio.LAWS if "hyperelastic" in name}
 
 
 def test_cards_of_an_incompressible_material_have_no_bulk_modulus() -> None:
