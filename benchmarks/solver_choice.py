@@ -27,7 +27,7 @@ from bodies import beam, block, sphere
 
 import hpcinv
 import hpcinv.base.parallel.timings
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import SOLVER, Timings
 from hpcinv.errors import HpcinvError

@@ -30,7 +30,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from stress_plots import curves
 
-from hpcinv.mesh.distributed.parts import partitioned
+from hpcinv.mesh.distributed.partition import partitioned
 from hpcinv.mesh.readers import FILES
 from hpcinv.physics.materials import laws
 

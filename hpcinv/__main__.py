@@ -1,7 +1,7 @@
 """Command line: ``python -m hpcinv run | resume | study | sweep | mesh | …``; ``--help`` lists them all."""
 
-from hpcinv.base.parallel.explained_output import explain_output
 from hpcinv.base.parallel.signals import end_if_noted, note_while_starting
+from hpcinv.base.parallel.standard_output import explain_output
 
 if __name__ == "__main__":
     note_while_starting()  # before the slow imports below

@@ -8,7 +8,7 @@ from typing import NoReturn
 from weakref import ref
 
 from hpcinv.base.files.untrusted import applied_to
-from hpcinv.base.parallel.communicators import require_communicators
+from hpcinv.base.parallel.left_for_run import require_communicators
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_late, signals_recorded
 from hpcinv.base.parallel.timings import Timings

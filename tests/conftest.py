@@ -15,7 +15,7 @@ import pytest
 from helpers.batches import IN_BATCH, Batches, RankOfBatch
 from helpers.parts import Part
 
-from hpcinv.base.parallel.communicators import require_communicators
+from hpcinv.base.parallel.left_for_run import require_communicators
 from hpcinv.base.parallel.runtime import MPI
 
 ROOT = Path(__file__).parents[1]

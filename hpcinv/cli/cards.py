@@ -127,7 +127,7 @@ def checked_sections(card: Card, unit: str) -> dict[str, Any]:
     from hpcinv.base.quantity.expressions import LET, Expression
     from hpcinv.base.quantity.schema import dotted_key, problems_in
     from hpcinv.formats.cards.card import CardError
-    from hpcinv.job.definitions import resolve
+    from hpcinv.job.preamble import resolve
     from hpcinv.physics.materials import laws
 
     law = card.law
@@ -194,7 +194,7 @@ def _laws(path: Path) -> dict[str, MaterialLaw]:
 
     from hpcinv.base.quantity.expressions import LET, Expression
     from hpcinv.base.quantity.schema import dotted_key, problems_in
-    from hpcinv.job.definitions import resolve
+    from hpcinv.job.preamble import resolve
     from hpcinv.job.yaml_reader import read_yaml
     from hpcinv.physics.materials import Material, MaterialLaw
 

@@ -236,8 +236,8 @@ def _partition(options: argparse.Namespace) -> int:
     from hpcinv.base.parallel.runtime import MPI
     from hpcinv.mesh.body import read_source
     from hpcinv.mesh.checks import check
+    from hpcinv.mesh.distributed.partition import partitioned
     from hpcinv.mesh.distributed.partitioned import write_partitioned
-    from hpcinv.mesh.distributed.parts import partitioned
 
     began = time.perf_counter()
     source = read_source(spec, path, lambda text: print(f"meshing {path}: {text}", flush=True))

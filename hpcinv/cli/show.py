@@ -19,7 +19,7 @@ from hpcinv.errors import OutputError
 from hpcinv.job.job import Job, load
 from hpcinv.job.mesh_file import IMAGES
 from hpcinv.job.support import Support
-from hpcinv.output.surfaces.colours import COLOURS, Colour
+from hpcinv.output.surfaces.picture import COLOURS, Colour
 
 if TYPE_CHECKING:
     from hpcinv.mesh import Body

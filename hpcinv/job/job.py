@@ -63,12 +63,11 @@ from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.region_names import unknown_regions
 from hpcinv.job.region_references import REFERENCES, References
 from hpcinv.job.region_rules import RegionRule, RegionUnion, VertexSet
-from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sensitivities import Owner, Parameter, Uncertain, read_sensitivities, uncertain_parameters
 from hpcinv.job.settings import CertificateSettings, Checkpoint, Discretisation, FixedPoint, Output, Solver
 from hpcinv.job.state_differences import quantities_in
 from hpcinv.job.states import StateSpec, faults_of_states, rest_of, solve_order
-from hpcinv.job.support import Motion, Support
+from hpcinv.job.support import Motion, RemoteLoad, Support
 from hpcinv.job.vocabulary import REGION_NAMES
 from hpcinv.job.yaml_reader import read_yaml
 from hpcinv.on_demand import on_demand

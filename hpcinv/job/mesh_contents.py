@@ -16,7 +16,7 @@ from pathlib import Path
 from hpcinv.base import reading
 from hpcinv.base.mesh_formats import FORMATS, action_of
 from hpcinv.base.reading.mesh_format import OF_NODES, Groups
-from hpcinv.base.reading.reader_outcome import fault_found
+from hpcinv.base.reading.reader_process import fault_found
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.mesh_file import IMAGES, SURFACES, MeshFile
 

@@ -39,9 +39,9 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
 """What has no influence on the body of a job, with the reason."""
 
 
-def body_key(job: Job, known: SectionData | None = None) -> str:
+def body_key(job: Job) -> str:
     """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
-    return hash_of(resolved(job, NOT_BODY, known))
+    return hash_of(resolved(job, NOT_BODY))
 
 
 def reuse_group_of(job: Job, known: SectionData | None = None) -> str:
@@ -54,9 +54,9 @@ def reuse_group_of(job: Job, known: SectionData | None = None) -> str:
     return known.memo.of("reuse group", lambda job: hash_of_text(known.joined(job, _GROUP)), job)
 
 
-def digests_of_structure(job: Job, known: SectionData | None = None) -> dict[str, str]:
+def digests_of_structure(job: Job) -> dict[str, str]:
     """Hash of each section of a job without its numbers and solver: what solutions of jobs must have in common."""
-    known = known or SectionData()
+    known = SectionData()
     texts = ((name, text(known, job)) for name, text in _STRUCTURE.texts)
     return {name: hash_of_text(text) for name, text in texts if text}
 

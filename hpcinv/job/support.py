@@ -1,5 +1,7 @@
 """Section ``supports`` of a job: which displacements are held, and where to."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -10,7 +12,7 @@ from pydantic import (
 
 from hpcinv.base.quantity.expressions import Expression, faults_with_constants
 from hpcinv.base.quantity.parameter_paths import Number, replace_scalar
-from hpcinv.base.quantity.quantity import AnyQuantity, Length, Quantity
+from hpcinv.base.quantity.quantity import AnyQuantity, Length, Quantity, quantities_of
 from hpcinv.base.quantity.schema import (
     Faults,
     KeyPath,
@@ -20,13 +22,34 @@ from hpcinv.base.quantity.schema import (
     Triple,
 )
 from hpcinv.base.quantity.units import Dimension
-from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.vocabulary import AXES, COORDINATES, FITTED_SURFACES, LENGTH, AxisName
 
 Turn = Annotated[
     float,
     Quantity("", at_least=-1.5707963267948968, at_most=1.5707963267948968, remedy="write degrees as '60 deg'"),
 ]
+
+
+class RemoteLoad(Spec):
+    """Force and moment on a region that moves as a rigid body, by an unknown motion.
+
+    Both keep their direction in space.
+    """
+
+    force: Triple[Annotated[float, Quantity("N")]] = (0.0, 0.0, 0.0)
+    """force on the region, along x, y and z, at the point 'about'"""
+    moment: Triple[Annotated[float, Quantity("N m")]] = (0.0, 0.0, 0.0)
+    """moment on the region about the point 'about', about x, y and z"""
+    about: Triple[Length]
+    """point in the given mesh, inside or outside of the body, which moves with the region"""
+
+    def numbers(self) -> dict[KeyPath, Number | str]:
+        """All numbers by place."""
+        return {
+            (name, i): Number(x, dimension)
+            for name, dimension in quantities_of(type(self)).items()
+            for i, x in enumerate(getattr(self, name))
+        }
 
 
 class Motion(Spec):

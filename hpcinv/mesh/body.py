@@ -26,13 +26,12 @@ from hpcinv.job.body_kinds import KINDS
 from hpcinv.job.mesh_generators import converted_parameters
 from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.region_rules import RegionRule
-from hpcinv.mesh.body_length import body_length
-from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cell_count import MeshingMonitor, no_report
 from hpcinv.mesh.cells import coordinate_element, kind_and_degree, scalar_element
 from hpcinv.mesh.checks import CHUNK, check, check_nodes
 from hpcinv.mesh.distributed.partition import Partition, partition_of, partitioner
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.extent import body_length, diagonal
 from hpcinv.mesh.facet_groups import join_facets
 from hpcinv.mesh.io.length_unit import check_unit
 from hpcinv.mesh.kind_source import source_of

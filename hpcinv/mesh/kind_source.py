@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hpcinv.base.quantity.locations import KeyPath
+from hpcinv.base.quantity.expressions import KeyPath
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.mesh_section import ArrayLabels, MeshSpec
 from hpcinv.mesh.orientation import consistently_oriented

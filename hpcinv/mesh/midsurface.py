@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hpcinv.base.quantity.locations import KeyPath
+from hpcinv.base.quantity.expressions import KeyPath
 from hpcinv.base.quantity.spatial_fields import ByData, ByFormula, Field
 from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.mesh_format import INNER, OUTER

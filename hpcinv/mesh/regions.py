@@ -17,8 +17,8 @@ from hpcinv.job.region_names import THIN, THIN_REMEDY
 from hpcinv.job.region_rules import RegionRule, RegionUnion, SmoothFace, VertexSet
 from hpcinv.mesh.boundary_shells import Mesh as Mesh
 from hpcinv.mesh.boundary_shells import cavities, outer_facets
-from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.source import MASK_BITS, Floats, Ints, MeshSource
 from hpcinv.on_demand import on_demand
 

@@ -13,7 +13,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.support import Support
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
-from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.source import Floats
 
 _ROUND_OFF = 1e-9  # of the body's diagonal

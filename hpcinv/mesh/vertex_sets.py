@@ -5,7 +5,7 @@ import numpy as np
 
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.boundary_shells import Mesh
-from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.source import Floats
 
 _NEAR = 1e-3

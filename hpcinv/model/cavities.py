@@ -15,9 +15,9 @@ from hpcinv.errors import MeshError, naming_field
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body
-from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.cells import scalar_element
 from hpcinv.mesh.enclosed_volume import EnclosedVolume
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.constraint_report import CavityReport
 from hpcinv.model.weak_form import WeakForm

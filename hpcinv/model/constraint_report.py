@@ -12,8 +12,7 @@ import numpy as np
 from hpcinv.base.quantity.units import readable
 from hpcinv.job.cavities import Cavity
 from hpcinv.job.job import Job
-from hpcinv.job.remote_load import RemoteLoad
-from hpcinv.job.support import Motion
+from hpcinv.job.support import Motion, RemoteLoad
 
 
 class ConstraintReport(ABC):

@@ -15,7 +15,7 @@ from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.taylor import FUNCTIONS, Taylor
 from hpcinv.errors import MeshError
 from hpcinv.job.support import Support
-from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.source import Floats
 
 _FARTHEST = 5e-3

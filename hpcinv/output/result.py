@@ -18,11 +18,10 @@ from hpcinv.mesh.body import whole_in_source_order
 from hpcinv.mesh.source import Floats
 from hpcinv.on_demand import on_demand
 from hpcinv.output.surfaces.boundary_surface import Boundary
-from hpcinv.output.surfaces.colours import Colour
 from hpcinv.output.surfaces.gathering import boundary_of
 from hpcinv.output.surfaces.interior import Interior
 from hpcinv.output.surfaces.interior_gathering import interior_of
-from hpcinv.output.surfaces.picture import Picture
+from hpcinv.output.surfaces.picture import Colour, Picture
 from hpcinv.output.vtk import write_fields
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals

@@ -20,8 +20,8 @@ from hpcinv.job.vocabulary import STRESS
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import source_node_values
 from hpcinv.mesh.boundary_shells import cells_and_sides
-from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import scalar_element
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.location import Point, PointLocation, locate, position
 from hpcinv.mesh.regions import find
 from hpcinv.mesh.source import Floats

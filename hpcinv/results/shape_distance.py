@@ -21,8 +21,8 @@ from hpcinv.job.mesh_file import ExpectedShape
 from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh import Body
 from hpcinv.mesh.body import read_anywhere, source_node_values, source_values
-from hpcinv.mesh.bounding_box import diagonal
 from hpcinv.mesh.distributed.rows import Rows
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.mesh.surface import gather_surface
 from hpcinv.on_demand import on_demand

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,6 @@ from hpcinv.solver.newton import CoarseSolve
 from hpcinv.solver.observer import SILENT, Observer, SolvedDirection
 
 type _Solved = tuple[SolvedDirection, CoarseSolve | None]
-type StepSolver = Callable[[int, PlannedSolve, Equations, Start, StepControl], _Solved]
 
 
 class StepControl(Observer):
@@ -58,21 +57,19 @@ def carry_out(
     equations: Sequence[Equations],
     control: StepControl,
     first_solutions: Sequence[Solution] = (),
-    solve: StepSolver | None = None,
 ) -> Iterator[Solution]:
     """Yield the solutions of a plan in order; collective.
 
     Args:
         equations: of each step; several steps may share them.
         first_solutions: of the first steps, which are yielded without a solve.
-        solve: solver of a step, by default `solve_step`.
     """
     solutions: list[Solution] = []
     for number, step in enumerate(plan):
         if number < len(first_solutions):
             solutions.append(first_solutions[number])
         else:
-            solutions.append(_solution(number, step, equations[number], solutions, control, solve or solve_step))
+            solutions.append(_solution(number, step, equations[number], solutions, control))
         yield solutions[-1]
 
 
@@ -82,7 +79,6 @@ def _solution(
     equations: Equations,
     earlier: Sequence[Solution],
     control: StepControl,
-    solve: StepSolver,
 ) -> Solution:
     """Solve one step, on the body and from the state that earlier ones found."""
     equations.put(_unloaded(step, equations, earlier))
@@ -93,7 +89,7 @@ def _solution(
     if start_shape is not None:
         start = replace(start, origin=_fields_at(step.job.resolve(start_shape), equations, step.direction))
     with control.solving():
-        solved, coarse = solve(number, step, equations, start, control)
+        solved, coarse = _solve(number, step, equations, start, control)
         control.check(earlier, solved, step)
         weak_form = equations.weak_form(step.direction)
         solution = solution_of(equations, step.direction, weak_form, solved.solves, solved.load, solved.linear)
@@ -124,7 +120,7 @@ def _fields_at(path: Path, equations: Equations, direction: Direction) -> tuple[
     return u, p
 
 
-def solve_step(number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl) -> _Solved:
+def _solve(number: int, step: PlannedSolve, equations: Equations, start: Start, control: StepControl) -> _Solved:
     """Solve a step from its start; the first one from the solution on coarser cells where that saves time."""
     if step.direction == "inverse" and any(i.assumed and i.assumed.searched_from for i in step.job.interfaces):
         searched: _Solved = on_demand("contact of least energy")(step, equations, control)

@@ -17,8 +17,8 @@ from hpcinv.base.quantity.units import Dimension, length_symbol, readable
 from hpcinv.job.job import Job, PlannedSolve
 from hpcinv.job.plausibility import convention, doubtful_moduli, largest_bulk_modulus
 from hpcinv.mesh import Body
-from hpcinv.mesh.bounding_box import extent
 from hpcinv.mesh.cells import jacobians, quadrature
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.regions import BOUNDARY, is_facet_condition
 from hpcinv.mesh.source import Floats
 from hpcinv.model.field_checks import young_moduli

@@ -18,7 +18,7 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.quantity.units import length_symbol
 from hpcinv.errors import MeshError
 from hpcinv.mesh import Body
-from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected, unique_rows

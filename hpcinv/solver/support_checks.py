@@ -16,7 +16,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import cells_of_facets, outer_facets
-from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.extent import extent
 from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.parts import parts_of
 from hpcinv.mesh.source import Floats, Ints

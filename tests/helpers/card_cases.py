@@ -9,7 +9,7 @@ from mpmath import mp
 
 from hpcinv.base.quantity.expressions import LET, Expression
 from hpcinv.formats.cards.card import Counterpart
-from hpcinv.job.definitions import resolve
+from hpcinv.job.preamble import resolve
 from hpcinv.physics.materials import MaterialLaw, laws
 
 MPMATH = {name: getattr(mp, name) for name in ("exp", "ln", "sqrt")} | {"max": max, "min": min}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
-from hpcinv.studies.study.study_batch import StudySchedule, StudyTask
+from hpcinv.studies.study.study_run import StudySchedule, StudyTask
 
 # What is next, and what is made of it, with made-up records
 

@@ -27,8 +27,8 @@ from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.mesh import Body, MeshSource, build_body, read_source, reorder_to_source, write_mesh
 from hpcinv.mesh.data import distribute
+from hpcinv.mesh.distributed.partition import partitioned
 from hpcinv.mesh.distributed.partitioned import cells_of, read_partitioned, write_partitioned
-from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.distributed.rows import Rows
 from hpcinv.mesh.io.gmsh_model import metis
 from hpcinv.mesh.mesh_files import save

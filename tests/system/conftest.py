@@ -12,8 +12,8 @@ from helpers.study_runs import Begin
 from hpcinv.studies.batch.ledger.holder import Holder
 from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.study.directory import STORE, StudyDirectory
-from hpcinv.studies.study.study_batch import StudySchedule
 from hpcinv.studies.study.study_plan import StudyPlan
+from hpcinv.studies.study.study_run import StudySchedule
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ SCRIPT = """
 import hpcinv.base.parallel.runtime
 import numpy as np
 from hpcinv.base.parallel.memory_use import resident
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 before = resident()
 block = np.ones(25_000_000)
 full = resident()

@@ -18,8 +18,8 @@ from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.holder import Holder
 from hpcinv.studies.batch.ledger.ledger import Ledger, ledger_of
 from hpcinv.studies.study.directory import STORE, StudyDirectory
-from hpcinv.studies.study.study_batch import StudySchedule, StudyTask
 from hpcinv.studies.study.study_page import write_study_report
+from hpcinv.studies.study.study_run import StudySchedule, StudyTask
 from hpcinv.studies.sweep.sweep_page import write_sweep_report
 from hpcinv.studies.sweep.sweep_plan import SweepPlan, load_sweep
 

@@ -23,7 +23,7 @@ from hpcinv.output.progress import SilentProgress
 from hpcinv.studies.batch.task import Pause
 from hpcinv.studies.study.directory import StudyDirectory
 from hpcinv.studies.study.result_rows import rows_of
-from hpcinv.studies.study.study_batch import StudyRunner, StudyTask
+from hpcinv.studies.study.study_run import StudyRunner, StudyTask
 
 
 def titles(tasks: list[StudyTask]) -> list[str]:

@@ -17,10 +17,9 @@ from hpcinv.studies.study.convergence import fitted_order, orders, richardson
 from hpcinv.studies.study.directory import StudyDirectory
 from hpcinv.studies.study.findings import accuracy, front
 from hpcinv.studies.study.result_rows import rows_of
-from hpcinv.studies.study.study_batch import StudyTask
 from hpcinv.studies.study.study_plan import StudyPlan
 from hpcinv.studies.study.study_report import not_refined
-from hpcinv.studies.study.study_run import conclude
+from hpcinv.studies.study.study_run import StudyTask, conclude
 from hpcinv.studies.study.work_precision import work_precision
 
 # Numbers

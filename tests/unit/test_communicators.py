@@ -9,7 +9,7 @@ import pytest
 from helpers.verification import box, job
 
 import hpcinv
-from hpcinv.base.parallel.communicators import require_communicators
+from hpcinv.base.parallel.left_for_run import require_communicators
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import OutOfMemory
 

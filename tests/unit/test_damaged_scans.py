@@ -19,8 +19,7 @@ import pytest
 import pyvista
 from helpers.forked_reader import load_libraries, run_forked
 
-from hpcinv.base.files import reader_command
-from hpcinv.base.reading import isolated_reader
+from hpcinv.base.reading import isolated_reader, reader_process
 from hpcinv.errors import JobError, MeshError
 from hpcinv.geometry.imaging.closed_surface import read_closed, signed_volume
 from hpcinv.geometry.imaging.label_image import labels_in, read_labels
@@ -317,7 +316,7 @@ def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.M
         program = tmp_path / "reader.py"
         limit = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 2))\n"
         program.write_text(limit + code)
-        monkeypatch.setattr(reader_command, "_PROGRAM", program)
+        monkeypatch.setattr(reader_process, "_PROGRAM", program)
         monkeypatch.setattr(isolated, "_SECONDS", 1)
         monkeypatch.setattr(isolated, "_WAITING", 2)
         with pytest.raises(MeshError, match=r"a\.mha: cannot be read as an image: that takes too long"):

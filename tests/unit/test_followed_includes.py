@@ -10,9 +10,8 @@ import pytest
 from helpers.command_line import hpcinv_here
 
 import hpcinv
-from hpcinv.base.files import reader_command
 from hpcinv.base.mesh_formats import FORMATS, mesh_fault
-from hpcinv.base.reading import bdf_files, included_files
+from hpcinv.base.reading import bdf_files, included_files, reader_process
 from hpcinv.base.reading.door import VARIABLE
 from hpcinv.cli.cards import file_text
 from hpcinv.errors import MeshError
@@ -123,7 +122,7 @@ def test_hostile_trees_are_refused_by_the_child(tmp_path: Path, monkeypatch: pyt
 def test_a_child_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, program = deck(tmp_path), tmp_path / "reader.py"
     program.write_text("import time\ntime.sleep(600)")
-    monkeypatch.setattr(reader_command, "_PROGRAM", program)
+    monkeypatch.setattr(reader_process, "_PROGRAM", program)
     monkeypatch.setattr(followed_includes, "_SECONDS", 1)
     monkeypatch.setattr(followed_includes, "_WAITING", 1)
     monkeypatch.setattr(followed_includes, "_known", {})

@@ -18,8 +18,8 @@ from hpcinv.base.quantity.spatial_fields import ByRegion
 from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job, parse
 from hpcinv.mesh import build_body, read_source
+from hpcinv.mesh.distributed.partition import partitioned
 from hpcinv.mesh.distributed.partitioned import write_partitioned
-from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.facet_groups import add_facets
 from hpcinv.mesh.io.vtu import read_vtu, save_vtu
 from hpcinv.mesh.label_groups import integer_arrays

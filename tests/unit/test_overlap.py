@@ -13,9 +13,8 @@ from helpers.mesh_cases import spec
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh import Body, build_body, read_source
-from hpcinv.mesh.crossing_facets import Overlap, find_overlap
+from hpcinv.mesh.crossing_facets import Overlap, crossing, find_overlap, meeting
 from hpcinv.mesh.surface import Surface, gather_surface
-from hpcinv.mesh.triangles import crossing, meeting
 from hpcinv.trust.certificate.overlap import overlap
 
 type Move = Callable[[np.ndarray], np.ndarray]

@@ -24,8 +24,8 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import JobError
 from hpcinv.job import mesh_contents
 from hpcinv.mesh import MeshSource, read_source
+from hpcinv.mesh.distributed.partition import partitioned
 from hpcinv.mesh.distributed.partitioned import write_partitioned
-from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.mesh.mesh_files import save
 from hpcinv.mesh.source import DataArray
 

@@ -37,7 +37,7 @@ from hpcinv.mesh.refine.finer_geometry import (
 from hpcinv.mesh.refine.refinement import refine
 from hpcinv.mesh.source import Floats
 from hpcinv.trust.discretisation import two_level
-from hpcinv.trust.discretisation.extension import extend
+from hpcinv.trust.discretisation.finer_solid import extend
 
 A = root(lambda A: carried(A, 0.5, 0.0) - PRESSURE, 0.5, 1.0)
 EXACT_WALL = math.pi / 6 * (OUTER**3 - INNER**3)

@@ -22,8 +22,8 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.errors import MeshError
 from hpcinv.mesh import build_body, read_source
+from hpcinv.mesh.distributed.partition import partitioned
 from hpcinv.mesh.distributed.partitioned import write_partitioned
-from hpcinv.mesh.distributed.parts import partitioned
 from hpcinv.output.result import Result
 from hpcinv.solver.equations import Equations
 

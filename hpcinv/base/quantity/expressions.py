@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo, ValidationInfo
     from pydantic.json_schema import JsonSchemaValue
 
-    from hpcinv.base.quantity.locations import KeyPath
 
 LET = "let"
 """Section of a job with names for parts of its formulas, and its key in the validation context."""
@@ -62,6 +61,9 @@ _LOGIC: dict[type[ast.AST], str] = {
     ast.Or: "logical_or",
     ast.Not: "logical_not",
 }
+
+type KeyPath = tuple[int | str, ...]
+"""keys and indices from the outside in, such as ``("effects", 0, "density")``"""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, c
 
 from hpcinv.base.quantity.constants import constant, is_pure
 from hpcinv.base.quantity.docstrings import describe, meanings
-from hpcinv.base.quantity.locations import KeyPath as KeyPath
+from hpcinv.base.quantity.expressions import KeyPath as KeyPath
 from hpcinv.base.quantity.suggestions import did_you_mean
 from hpcinv.base.quantity.units import NUMBER
 from hpcinv.errors import JobError
@@ -267,12 +267,13 @@ def _also_arithmetic(schema: dict[str, Any]) -> None:
 class OneOf:
     """Annotation of a field for one member of a family of specs, selected by the literal field ``tag``.
 
-    The family is the annotated type, unless it is given. Members are looked up when a value is validated: defining a
+    The family is the annotated type. Members are looked up when a value is validated: defining a
     subclass registers it.
     """
 
-    def __init__(self, tag: str, family: Any = None) -> None:
-        self.tag, self.family = tag, family
+    def __init__(self, tag: str) -> None:
+        self.tag = tag
+        self.family: Any = None
 
     def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
         """Validated member for ``data``."""
@@ -289,7 +290,7 @@ class OneOf:
         return members[name].model_validate(data, context=info.context)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        self.family = self.family or source
+        self.family = source
         return core_schema.with_info_plain_validator_function(self.choose)
 
     def __get_pydantic_json_schema__(

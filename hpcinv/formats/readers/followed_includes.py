@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from hpcinv.base.files.reader_command import reader_command
 from hpcinv.base.parallel.children import run_child
 from hpcinv.base.parallel.signals import ended_by_signals
 from hpcinv.base.reading.deck_includes import FUNCTIONS
 from hpcinv.base.reading.door import is_asked
 from hpcinv.base.reading.fault import Fault
-from hpcinv.base.reading.reader_outcome import fault_found
+from hpcinv.base.reading.reader_process import fault_found, reader_command
 
 _MEMORY = 4 << 30
 """bytes that the child may take, enough for decks of 600 MB; raised, a hostile file fills the memory of the machine"""

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array
 
-from hpcinv.base.files.muted import muted_output
 from hpcinv.base.parallel.signals import handlers_restored
+from hpcinv.base.parallel.standard_output import muted_output
+from hpcinv.geometry.imaging.image_files import package
 from hpcinv.geometry.imaging.label_boundary import Memberships, limit_steps, two_label_nodes
 from hpcinv.geometry.imaging.lattice import Lattice, interfaces, lattice_of
-from hpcinv.geometry.imaging.packages import package
 from hpcinv.geometry.imaging.wall_sizes import WallSizes
 from hpcinv.mesh.cells import sub_entities
 from hpcinv.mesh.io.gmsh_model import session

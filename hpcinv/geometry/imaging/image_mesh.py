@@ -16,11 +16,11 @@ from hpcinv.errors import MeshError
 from hpcinv.geometry.imaging.clean_surfaces import MMG, cells_between_surfaces
 from hpcinv.geometry.imaging.closed_surface import fill
 from hpcinv.geometry.imaging.curved_cells import SmoothBoundary, curved
+from hpcinv.geometry.imaging.image_files import package
 from hpcinv.geometry.imaging.label_boundary import GOOD, ROUGH, Memberships, limit_steps, smoothed
 from hpcinv.geometry.imaging.label_image import LabelImage, read_labels
 from hpcinv.geometry.imaging.lattice import Lattice, drop_outside, interfaces, lattice_of
 from hpcinv.geometry.imaging.mesh_report import report_distance, report_mesh, report_sizes
-from hpcinv.geometry.imaging.packages import package
 from hpcinv.geometry.imaging.specks import check_extent, check_thickness, remove_specks, represented_volumes
 from hpcinv.geometry.imaging.surroundings import OUTSIDE, NameArray, surroundings
 from hpcinv.geometry.imaging.wall_sizes import WallSizes, wall_sizes

@@ -13,8 +13,8 @@ from hpcinv.base.files.atomic import write_output
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.base.reading.voxels import VoxelGrid
 from hpcinv.errors import OutputError
+from hpcinv.geometry.imaging.image_files import package
 from hpcinv.geometry.imaging.label_image import frame_of
-from hpcinv.geometry.imaging.packages import package
 from hpcinv.mesh.refine.subdivision import eighths
 from hpcinv.mesh.source import Floats, Ints, MeshSource
 

@@ -11,8 +11,8 @@ from hpcinv.base.parallel.signals import handlers_restored
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import MeshError
 from hpcinv.geometry.imaging.curved_cells import edge_nodes, shares_of_bend
+from hpcinv.geometry.imaging.image_files import package
 from hpcinv.geometry.imaging.mesh_report import report_mesh
-from hpcinv.geometry.imaging.packages import package
 from hpcinv.geometry.vessels.flat_ends import (
     Rim,
     check_flat,

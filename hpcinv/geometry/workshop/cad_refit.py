@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hpcinv.base.files.muted import muted_output
+from hpcinv.base.parallel.standard_output import muted_output
 from hpcinv.base.quantity.arrays import Floats
 from hpcinv.base.reading.door import admitted
 from hpcinv.geometry.workshop.brep_text import BrepText, UnknownForm

@@ -34,7 +34,7 @@ from hpcinv.base.parallel.runtime import MPI, agree, on_root
 from hpcinv.base.reading.door import trusted
 from hpcinv.errors import HpcinvError, MeshError, OutputError
 from hpcinv.mesh.cells import FACET_KIND, no_cells
-from hpcinv.mesh.distributed.parts import sort_by_tags
+from hpcinv.mesh.distributed.partition import sort_by_tags
 from hpcinv.mesh.distributed.rows import Rows, even_range
 from hpcinv.mesh.io.length_unit import as_unit
 from hpcinv.mesh.source import DataArray, Group, Ints, MeshSource, in_mask

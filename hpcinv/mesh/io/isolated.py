@@ -12,13 +12,12 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from hpcinv.base.files.reader_command import reader_command
 from hpcinv.base.mesh_formats import action_of, check_untrusted
-from hpcinv.base.parallel.available_memory import available
 from hpcinv.base.parallel.children import run_child, start_child
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import ended_by_signals
-from hpcinv.base.reading.reader_outcome import ending, fault_found
+from hpcinv.base.reading.reader_process import ending, fault_found, reader_command
 from hpcinv.errors import MeshError, OutputError, SystemPartMissing
 from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.resolved_job import file_digest

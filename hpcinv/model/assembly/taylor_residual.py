@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from hpcinv.base.parallel.available_memory import available
 from hpcinv.base.parallel.c_code import NoLibrary, array_type, compile_library
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh.cells import jacobians, kind_and_degree, quadrature

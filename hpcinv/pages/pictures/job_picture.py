@@ -13,8 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from hpcinv.base.quantity.arrays import Booleans, Floats
 from hpcinv.job.job import Job
 from hpcinv.output.surfaces.boundary_surface import Boundary
-from hpcinv.output.surfaces.colours import REGIONS
-from hpcinv.output.surfaces.picture import Picture
+from hpcinv.output.surfaces.picture import REGIONS, Picture
 from hpcinv.pages.pictures.drawing import DrawnBody, Glyphs, View, directions, extent, figure
 
 _BODY = "#d9d9d9"

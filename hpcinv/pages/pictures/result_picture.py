@@ -13,8 +13,7 @@ from hpcinv.base.quantity.stress_measures import COMPONENTS, MEASURES, component
 from hpcinv.base.quantity.written_units import as_shown, unit_of
 from hpcinv.errors import OutputError
 from hpcinv.output.surfaces.boundary_surface import Boundary, BoundaryResult
-from hpcinv.output.surfaces.colours import REGIONS, Colour
-from hpcinv.output.surfaces.picture import Picture
+from hpcinv.output.surfaces.picture import REGIONS, Colour, Picture
 from hpcinv.pages.pictures.body_section import BodySection, Cut, PictureBody
 from hpcinv.pages.pictures.drawing import DrawnBody, View, directions, figure
 

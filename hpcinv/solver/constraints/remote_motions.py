@@ -19,9 +19,8 @@ from petsc4py import PETSc
 
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.job.job import Job
-from hpcinv.job.remote_load import RemoteLoad
 from hpcinv.job.sensitivities import Parameter
-from hpcinv.job.support import Support
+from hpcinv.job.support import RemoteLoad, Support
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.constraint_report import ConstraintReport, RemoteReport

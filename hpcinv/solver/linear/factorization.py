@@ -4,19 +4,21 @@ Forward tangents of loads with a potential are symmetric, tangents of inverse pr
 two products with a random vector, whose cost is negligible against a factorization.
 """
 
+import ctypes
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, ClassVar
 
+import numpy as np
 from petsc4py import PETSc
 
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.configuration import LinearConfiguration
 from hpcinv.solver.linear.convergence_test import Refinement
-from hpcinv.solver.linear.ordering import order_by_nodes
 from hpcinv.solver.petsc_options import OptionValue
 
 FEW_RANKS = 8
@@ -162,3 +164,24 @@ def larger_workspace(pc: PETSc.PC) -> int:
     full = 16.0 * matrix.getSize()[0] ** 2 + _OVERHEAD
     comm = matrix.comm.tompi4py()
     return larger if estimate < full and needed <= available(comm) else 0
+
+
+def order_by_nodes(factors: PETSc.Mat, unknowns: Unknowns) -> None:
+    """Let the analysis for factors by MUMPS, which has not been made yet, order the nodes of some spaces; collective.
+
+    PETSc does that itself where there are no pressures: by the block size of the matrix. One without
+    ``MatMumpsSetBlk`` orders the unknowns of the mixed form.
+    """
+    if unknowns.p is None or (function := _petsc_function()) is None or factors.getMumpsIcntl(15):
+        return
+    variables, starts = (np.ascontiguousarray(numbers + 1, dtype=PETSc.IntType) for numbers in unknowns.nodes)
+    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
+    arrays = (ctypes.c_void_p(numbers.ctypes.data) for numbers in (variables, starts))
+    if error := function(ctypes.c_void_p(factors.handle), integer(len(starts) - 1), *arrays):
+        raise PETSc.Error(error)
+
+
+@cache
+def _petsc_function() -> Any:
+    """PETSc's function, which petsc4py does not have."""
+    return getattr(ctypes.CDLL(PETSc.__file__), "MatMumpsSetBlk", None)

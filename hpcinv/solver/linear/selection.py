@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.job.settings import Solver
 from hpcinv.model.spaces import Unknowns
 from hpcinv.on_demand import on_demand

@@ -16,7 +16,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.updates import UPDATES
 from hpcinv.job.settings import FixedPoint as FixedPointSettings
 from hpcinv.mesh import Body
-from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.source import Floats
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.quadrature_values import QuadratureValues

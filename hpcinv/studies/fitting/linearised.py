@@ -10,6 +10,8 @@ from hpcinv.base.quantity.arrays import Floats
 
 DEPENDENT = 1e-9
 """ratio of singular values below which parameters cannot be distinguished"""
+_FEW, _STRONG = 3, 0.9
+"""Parameters of which all correlations are shown, and size of a correlation that is shown of more."""
 _INVOLVED = 0.1  # smallest share of a parameter in a combination that is named
 
 
@@ -89,9 +91,9 @@ def correlation_of(covariance: Floats) -> Floats:
     return np.asarray(covariance / np.outer(scale, scale))
 
 
-def correlations(names: Sequence[str], correlation: Floats, few: int = 3, strong: float = 0.9) -> str:
-    """Return correlations as text; of more than ``few`` parameters the strong ones."""
+def correlations(names: Sequence[str], correlation: Floats) -> str:
+    """Return correlations as text; of more than `_FEW` parameters the strong ones."""
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    shown = [(i, j) for i, j in pairs if len(names) <= few or abs(correlation[i, j]) >= strong]
+    shown = [(i, j) for i, j in pairs if len(names) <= _FEW or abs(correlation[i, j]) >= _STRONG]
     texts = [f"{names[j]}–{names[i]} {correlation[i, j]:.3f}" for i, j in shown]
-    return ", ".join(texts + ([f"others below {strong:g}"] if len(shown) < len(pairs) else []))
+    return ", ".join(texts + ([f"others below {_STRONG:g}"] if len(shown) < len(pairs) else []))

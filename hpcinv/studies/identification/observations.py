@@ -25,7 +25,7 @@ from hpcinv.job.job import Job
 from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.job.vocabulary import CUBIC
 from hpcinv.mesh import Body, reorder_to_source
-from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.location import PointLocation, locate, position
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.surface import gather_surface

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hpcinv.base.parallel.runtime import on_root
+from hpcinv.errors import MeshError
 from hpcinv.job.job import Job
+from hpcinv.mesh.body import Body, replace_geometry
+from hpcinv.mesh.checks import check
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.mesh.location import locate, position
-from hpcinv.mesh.moved_body import move_body
-from hpcinv.mesh.source import Floats
+from hpcinv.mesh.source import Floats, MeshSource
 from hpcinv.solver.workspace import Workspace, collect_garbage
 
 NODES = "mesh.nodes"
@@ -19,6 +22,8 @@ NODES = "mesh.nodes"
 _MOVES = 20
 """Moves of the body between collections of garbage. Raised, more communicators of earlier bodies are kept, and MPI has
 few thousand; lowered, moves take longer."""
+
+_REMEDY = "Move the nodes by less, or add a term to the objective that keeps cells in shape."
 
 
 class GivenNodes:
@@ -66,3 +71,42 @@ class GivenNodes:
         source, kind = self._given.source, source_of(self._given.source.body_kind)
         found: Floats = on_root(self._workspace.comm, lambda: kind.node_direction(source, self._nodes, rates))
         return found
+
+
+def move_body(given: Body, nodes: Floats, *, may_be_cut: bool = False) -> Body:
+    """Return the body whose mesh has its nodes at other places; collective.
+
+    Regions keep their facets and cells, also regions by a rule. Nodes on the edges of curved cells in the file are in
+    ``nodes``. Nodes that a displacement of degree 2 adds to straight cells stay half way.
+
+    Args:
+        given: whose mesh is not partitioned; it stays as it is.
+        nodes: of the mesh in the file (of a shell, its surface), (n, 3) in m, the same on all ranks.
+        may_be_cut: as of `check`.
+
+    Raises:
+        MeshError: on all ranks, if cells are inverted or flat there.
+    """
+    sources = list[MeshSource]()
+
+    def move_on_root() -> None:
+        source = _moved(given.source, nodes)
+        try:
+            check(source, may_be_cut=may_be_cut)
+        except MeshError as error:
+            raise MeshError(f"with the given nodes, {error.message}", _REMEDY) from None
+        sources.append(source)
+
+    on_root(given.mesh.comm, move_on_root)
+    body = replace_geometry(given, sources[0] if sources else given.source)
+    return replace(body.raise_degree(given.degree), build_halved=None)
+
+
+def _moved(given: MeshSource, nodes: Floats) -> MeshSource:
+    """Return the mesh of a body whose mesh in the file has its nodes elsewhere."""
+    shape = replace(given.in_file, points=nodes, surface=None)
+    if given.midsurface is None:
+        return shape
+    kind = source_of(given.body_kind)
+    change = kind.moved(given, shape) - kind.moved(given, given.midsurface)  # columns of data need not be normals
+    return replace(given, points=given.points + change, midsurface=shape, surface=None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hpcinv.job.job import Job
-from hpcinv.job.remote_load import RemoteLoad
+from hpcinv.job.support import RemoteLoad
 from hpcinv.mesh.source import Floats, Group, MeshSource
 from hpcinv.physics.kinematics.rigid_motion import rotation_vector
 from hpcinv.studies.second_opinion.regions import group_of

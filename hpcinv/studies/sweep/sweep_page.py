@@ -1,17 +1,24 @@
 """Report of a sweep, from its store."""
 
+import dataclasses
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
-from hpcinv.output.surfaces.boundary_surface import NAME, Boundary, read_boundary
+import numpy as np
+
+from hpcinv.base.quantity.written_units import as_shown
+from hpcinv.errors import SystemPartMissing
+from hpcinv.output.surfaces.boundary_surface import NAME, Boundary, BoundaryResult, read_boundary
 from hpcinv.pages.reports.cases_page import cases_page, outcome_of
 from hpcinv.pages.reports.packed_arrays import PackedArrays
 from hpcinv.pages.reports.page import NAME as PAGE
 from hpcinv.pages.reports.page import write_page
 from hpcinv.pages.reports.run_page import write_run_report
-from hpcinv.pages.reports.shapes import mean_and_cases, pictures
+from hpcinv.pages.reports.viewer_scene import scene
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
 from hpcinv.studies.batch.ledger.ledger import Ledger
 from hpcinv.studies.sweep.results import results
@@ -21,6 +28,9 @@ from hpcinv.studies.sweep.table import SweepTable, parameter_names
 
 _MOST = 400  # shapes that are read
 _LAST = ("key", "started_from")  # columns that few readers need
+
+_CASES = 8  # that the viewer offers in addition to the mean
+_PICTURES = 12
 
 
 def write_sweep_report(plan: SweepPlan, ledger: Ledger, path: Path, *, each: bool = False) -> Path:
@@ -122,3 +132,64 @@ def _case_report(ledger: Ledger, key: str, path: Path) -> Path | None:
     surface = kept_file(ledger.directory(key), NAME)
     directory = ledger.directory(key) if surface is None else surface.parent
     return write_run_report(directory, record.statistics, path)
+
+
+def mean_and_cases(
+    summary: Mapping[str, Any], named: Sequence[tuple[str, Boundary]], arrays: PackedArrays
+) -> tuple[dict[str, Any] | None, str]:
+    """Return the data of the viewer with the mean shape and some of the cases, and a note.
+
+    There is none if the meshes differ. The first state of each body counts.
+
+    Args:
+        summary: of one of the cases.
+        named: titles and boundaries of cases.
+    """
+    first = named[0][1]
+    if not all(np.array_equal(entry.triangles, first.triangles) for _, entry in named):
+        return None, "There is no mean shape, since the meshes of the cases differ in more than positions of nodes."
+    results = [boundary.results[0] for _, boundary in named]
+    shapes = np.stack([result.others for result in results])
+    deviation = np.sqrt(shapes.var(axis=0, ddof=1 if len(shapes) > 1 else 0).sum(axis=1))
+    mesh, stress, J, stretches = (
+        np.mean(np.stack(list(map(attrgetter(name), results))), axis=0) for name in ("mesh", "stress", "J", "stretches")
+    )
+    crossing = np.any([result.crossing for result in results], axis=0)
+    title, direction = f"mean of {len(results)} cases", results[0].direction
+    mean = BoundaryResult(
+        title, direction, mesh, shapes.mean(axis=0), stress=stress, J=J, stretches=stretches, crossing=crossing
+    )
+    some = [dataclasses.replace(results[i], state=named[i][0], fibres={}) for i in _spread(len(results), _CASES)]
+    boundary = dataclasses.replace(first, points=mean.mesh, results=(mean, *some), error=None, fibres={})
+    body = scene({**summary, "states": {}}, boundary, [], arrays)
+    for entry in body["results"]:
+        entry["deformed"] = "deformed"
+    body["results"][0]["deviation"] = arrays.add(deviation[body.pop("kept")])
+    body |= {"choice": "Shape", "arrays": arrays.specs}
+    largest = as_shown(float(deviation.max()), "m", summary.get("units") or {}, 3)
+    return body, f"Largest standard deviation of a point of the boundary: {largest}."
+
+
+def pictures(named: Sequence[tuple[str, Boundary]]) -> list[tuple[str, bytes]]:
+    """Draw the shapes that some cases have found from one direction; none without OpenGL."""
+    from hpcinv.pages.pictures.drawing import DrawnBody, View, directions, thumbnail  # loads VTK
+
+    chosen = [named[i] for i in _spread(len(named), _PICTURES)]
+    frame = np.concatenate([boundary.results[0].others for _, boundary in chosen])
+    front, _, up = directions(frame)
+    sizes = [np.linalg.norm(boundary.results[0].displacement, axis=1) for _, boundary in chosen]
+    limits = (0.0, max(float(size.max()) for size in sizes))
+    drawings = []
+    try:
+        for (title, boundary), size in zip(chosen, sizes, strict=True):
+            body = DrawnBody(boundary.results[0].others, boundary.triangles, values=size)
+            drawings.append((title, thumbnail(View([body], frame, front, up), limits)))
+    except SystemPartMissing:
+        return []
+    return drawings
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Some of the numbers below ``count``, evenly."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)).tolist()
+    return chosen

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.memory_use import peak
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import signals_recorded

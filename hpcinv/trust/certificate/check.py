@@ -133,18 +133,18 @@ class Line:
         }
 
 
-def upper_bound_line(topic: Topic, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+def upper_bound_line(topic: Topic, value: float, warn: float, fail: float, note: str = "") -> Line:
     """Return the line of a value that should be small; a value that is not finite fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     rule = f"warning above {warn:g}" + (f", fail above {fail:g}" if fail < math.inf else "")
-    return Line(topic, value, unit, rule, verdict, note)
+    return Line(topic, value, "", rule, verdict, note)
 
 
-def lower_bound_line(topic: Topic, value: float, warn: float, fail: float, unit: str = "", note: str = "") -> Line:
+def lower_bound_line(topic: Topic, value: float, warn: float, fail: float, note: str = "") -> Line:
     """Return the line of a value that must exceed ``fail``; a value that is not finite fails."""
     verdict = Verdict.PASS if value >= warn else Verdict.WARN if value > fail else Verdict.FAIL
     rule = f"warning below {warn:g}" + (f", fail at {fail:g} and below" if fail > -math.inf else "")
-    return Line(topic, value, unit, rule, verdict, note)
+    return Line(topic, value, "", rule, verdict, note)
 
 
 def skipped(topic: Topic, note: str) -> Line:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.mesh.bounding_box import extent
+from hpcinv.mesh.extent import extent
 from hpcinv.results.displacement_scale import FLOOR, nominal_sizes
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations

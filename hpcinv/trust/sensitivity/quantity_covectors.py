@@ -15,7 +15,7 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.base.quantity.parameter_paths import POINTS, central_difference
 from hpcinv.job.quantity_of_interest import QuantityOfInterest
-from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.location import locate
 from hpcinv.mesh.source import Floats
 from hpcinv.results.quantities_of_interest import owned_nodes

@@ -27,7 +27,7 @@ from hpcinv.job.quantity_of_interest import QuantityOfInterest
 from hpcinv.job.sensitivities import Parameter
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import outer_facets
-from hpcinv.mesh.bounding_box import diagonal
+from hpcinv.mesh.extent import diagonal
 from hpcinv.mesh.source import Floats
 from hpcinv.mesh.symmetry import symmetry_planes
 from hpcinv.results.solution import Solution

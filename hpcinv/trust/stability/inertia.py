@@ -13,8 +13,7 @@ from petsc4py import PETSc
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.base.parallel.unlocked_petsc import set_up
 from hpcinv.model.spaces import Unknowns
-from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace
-from hpcinv.solver.linear.ordering import order_by_nodes
+from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace, order_by_nodes
 from hpcinv.solver.petsc_options import OptionValue
 
 

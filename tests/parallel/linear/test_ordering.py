@@ -16,7 +16,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.assembly.system import System
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.equations import Equations
-from hpcinv.solver.linear import ordering
+from hpcinv.solver.linear import factorization
 
 MIXED: dict[str, Any] = {
     "analysis": "forward",
@@ -94,7 +94,7 @@ def test_factors_are_right_and_no_larger(name: str, kind: str, comm: MPI.Intraco
         factors = ksp.pc.getFactorMatrix()
         factors.setMumpsIcntl(7, 5)  # METIS at any size
         if by_nodes:
-            ordering.order_by_nodes(factors, model.unknowns)
+            factorization.order_by_nodes(factors, model.unknowns)
         ksp.solve(b, x)
         assert by_nodes == (factors.getMumpsIcntl(15) == 1)
         entries.append(factors.getMumpsInfog(29))
@@ -119,7 +119,7 @@ def test_a_petsc_without_our_ordering_orders_unknowns_itself(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that lacks the function."""
-    monkeypatch.setattr(ordering, "_petsc_function", lambda: None)
+    monkeypatch.setattr(factorization, "_petsc_function", lambda: None)
     model = model_of(MIXED, comm)
     equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.correct(1.0)

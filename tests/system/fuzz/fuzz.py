@@ -100,8 +100,8 @@ def meshes(directory: Path) -> list[Path]:
     from helpers.mesh_data_files import block, write_msh, write_vtu, write_xdmf
 
     from hpcinv.base.parallel.runtime import MPI
+    from hpcinv.mesh.distributed.partition import partitioned
     from hpcinv.mesh.distributed.partitioned import write_partitioned
-    from hpcinv.mesh.distributed.parts import partitioned
     from hpcinv.mesh.mesh_files import save
 
     mesh = block(MESHES, hexahedra=False, degree=1)

@@ -11,7 +11,7 @@ from helpers.verification import box, job
 
 import hpcinv.solver.linear.selection
 from hpcinv import run
-from hpcinv.base.parallel.available_memory import available
+from hpcinv.base.parallel.left_for_run import available
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.timings import Timings
 from hpcinv.job.settings import Solver

@@ -1,15 +1,29 @@
-"""The length of a body, which depends neither on the axes of the coordinate system nor on its unit."""
+"""Extent of a body that is distributed over the ranks: the bounding box of points, and its length."""
 
 import math
 
 import numpy as np
+from dolfinx.mesh import Mesh
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import quadrature, scalar_element
-from hpcinv.mesh.regions import Mesh
 from hpcinv.mesh.source import Floats
 
 _DEGREE = 2  # of the rule of quadrature, exact on straight tetrahedra
+
+
+def extent(comm: MPI.Intracomm, points: Floats) -> tuple[Floats, Floats]:
+    """Smallest and largest coordinates of the points (n, 3) of all ranks, ∞ and -∞ if there are none; collective."""
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    return low, high
+
+
+def diagonal(comm: MPI.Intracomm, points: Floats) -> float:
+    """Length of the diagonal of the bounding box; collective."""
+    low, high = extent(comm, points)
+    return float(np.linalg.norm(high - low))
 
 
 def body_length(mesh: Mesh, coordinates: Floats, kind: str, degree: int) -> float:

@@ -1,6 +1,7 @@
-"""Standard output that raises ``OutputError`` where it cannot be written, such as to a full disk."""
+"""Standard output that raises ``OutputError`` where it cannot be written, as to a full disk, and can be muted."""
 
 import io
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,3 +44,17 @@ def explain_output() -> None:
     encoding, buffered, through = output.encoding, output.line_buffering, output.write_through
     explained = _ExplainedOutput(output.detach(), encoding, "backslashreplace", None, buffered, through)
     sys.stdout = sys.__stdout__ = explained  # type: ignore[misc]
+
+
+@contextmanager
+def muted_output() -> Iterator[None]:
+    """Context that discards the standard output of this process, also of libraries in C."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,8 +1,10 @@
-"""What ``isolated_reader`` found in a file, by its output and how it ended."""
+"""The process that reads a file from others: its command, and what it found, by its output and how it ended."""
 
 import re
 import signal
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from hpcinv.base.reading.fault import shown
@@ -10,6 +12,13 @@ from hpcinv.base.reading.fault import shown
 _COMPLAINT = re.compile(r"ERR\|\s*(?:\w+ \(0x[0-9a-f]+\): )?(.*?)\s*(?:\x1b\[0m)?$", re.MULTILINE)
 _LONGEST = 400
 """characters of a message of VTK; raised, a damaged file may fill the screen"""
+
+_PROGRAM = Path(__file__).with_name("isolated_reader.py")
+
+
+def reader_command(action: str, path: Path, memory: int, seconds: int) -> list[str]:
+    """Return the command that reads a file in a process of its own, within bytes of memory and processor time (s)."""
+    return [sys.executable, "-P", str(_PROGRAM), action, str(path.absolute()), str(memory), str(seconds)]
 
 
 def fault_found(

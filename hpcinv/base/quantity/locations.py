@@ -1,4 +1,0 @@
-"""Places in a job."""
-
-type KeyPath = tuple[int | str, ...]
-"""keys and indices from the outside in, such as ``("effects", 0, "density")``"""
