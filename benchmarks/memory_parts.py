@@ -19,9 +19,8 @@ from krylov_counts import KINDS, cube
 import hpcinv.base.parallel.runtime  # noqa: F401  (its import order first)
 
 # isort: split
-from hpcinv.base.parallel.memory_use import peak, resident
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.parallel.timings import Timings, peak, resident
 from hpcinv.job.job import parse
 from hpcinv.mesh import build_body
 from hpcinv.results.solution import solution_of

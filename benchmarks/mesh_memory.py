@@ -9,8 +9,8 @@ import argparse
 import time
 from pathlib import Path
 
-from hpcinv.base.parallel.memory_use import peak, resident
 from hpcinv.base.parallel.runtime import MPI
+from hpcinv.base.parallel.timings import peak, resident
 from hpcinv.job.job import MeshSpec
 from hpcinv.mesh import build_body
 

@@ -151,7 +151,7 @@ class FileJob:
     def _dead_pressure(self, entry: Mapping[str, Any], placed: dict[str, Any]) -> dict[str, Any] | None:
         """Return the traction that a pressure on the undeformed surface is if that is flat; else ``None``."""
         from hpcinv.formats.cards.deck import Measure
-        from hpcinv.mesh.facet_area import flat_normal
+        from hpcinv.mesh.surface_normals import flat_normal
 
         rows = [g.members for g in self._source.groups if g.name == placed["region"] and g.dim == 2]
         normal = flat_normal(self._source, rows[0]) if rows else None
@@ -290,7 +290,7 @@ class FileJob:
         import numpy as np
 
         from hpcinv.formats.cards.deck import Measure
-        from hpcinv.mesh.facet_area import area_and_centre
+        from hpcinv.mesh.surface_normals import area_and_centre
 
         tags = [tag for tag in nodal.forces if tag in self._row]
         forces = np.array([nodal.forces[tag] for tag in tags]).reshape(-1, 3)

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import MeshFormat
+from hpcinv.base.reading.mesh_format import Later, MeshFormat
 from hpcinv.formats.exodus import BRICK
 from hpcinv.formats.readers.followed_includes import included_files
 

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import MeshFormat
+from hpcinv.base.reading.mesh_format import Later, MeshFormat
 
 if TYPE_CHECKING:
     import numpy as np

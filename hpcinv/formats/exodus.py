@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from hpcinv.base.reading.door import admitted
 from hpcinv.base.reading.fault import Fault, shown
 from hpcinv.base.reading.hdf5_arrays import array_in, opened
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import MeshFormat
+from hpcinv.base.reading.mesh_format import Later, MeshFormat
 from hpcinv.base.reading.numbered_elements import Blocks, element_arrays, vertices_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hpcinv.base.reading.fault import Fault
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import OF_NODES, Groups, MeshFormat
+from hpcinv.base.reading.mesh_format import OF_NODES, Groups, Later, MeshFormat
 
 if TYPE_CHECKING:
     import numpy as np

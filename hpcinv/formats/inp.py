@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hpcinv.base.reading.fault import Fault
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import Groups, MeshFormat
+from hpcinv.base.reading.mesh_format import Groups, Later, MeshFormat
 from hpcinv.errors import MeshError
 from hpcinv.formats.readers.followed_includes import followed, included_files
 

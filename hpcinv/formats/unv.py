@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.reading.fault import Fault
 from hpcinv.base.reading.included_files import text_of
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import MeshFormat
+from hpcinv.base.reading.mesh_format import Later, MeshFormat
 from hpcinv.base.reading.numbered_elements import Blocks, element_arrays, number, whole_numbers
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from hpcinv.base.reading.later import Later
-from hpcinv.base.reading.mesh_format import MeshFormat
+from hpcinv.base.reading.mesh_format import Later, MeshFormat
 
 if TYPE_CHECKING:
     import numpy as np

@@ -18,9 +18,8 @@ from hpcinv.output.progress import Progress
 from hpcinv.output.run_directory import RunDirectory
 from hpcinv.output.shape_files import ShapeFile, notes_of
 from hpcinv.output.summary import versions
-from hpcinv.results.cell_fields import face_arrays
+from hpcinv.results.cell_fields import face_arrays, shape_directions
 from hpcinv.results.displacement_scale import displacement_scale
-from hpcinv.results.shape_directions import shape_directions
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 

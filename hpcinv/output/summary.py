@@ -20,9 +20,8 @@ from petsc4py import PETSc
 
 from hpcinv.base.files.atomic import write_output
 from hpcinv.base.files.json_data import json_data
-from hpcinv.base.parallel.memory_use import Memory, peak
 from hpcinv.base.parallel.runtime import MPI, on_root
-from hpcinv.base.parallel.timings import WORK, Timings
+from hpcinv.base.parallel.timings import WORK, Memory, Timings, peak
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job

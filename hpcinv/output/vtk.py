@@ -26,9 +26,8 @@ from hpcinv.mesh.io.vtu import CELL_TAG, NODE_TAG, VTK_TYPES
 from hpcinv.mesh.io.vtu_writer import Array, Grid, attribute, write_vtu
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.output.surfaces.gathering import error_in
-from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means
+from hpcinv.results.cell_fields import nodal_layer_fields, nodal_means, projected
 from hpcinv.results.cell_middles import constants_in, deformation_gradients, fibres, unit_vectors
-from hpcinv.results.nodal_projection import projected
 from hpcinv.results.solution import Solution
 from hpcinv.trust.certificate import Estimate
 

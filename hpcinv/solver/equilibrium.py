@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_calls import weakly
 from hpcinv.base.parallel.petsc_vectors import dot, norm
 from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.solver.border import Border
 from hpcinv.solver.bordered_solver import BorderedSolver
-from hpcinv.solver.callbacks import weakly
 from hpcinv.solver.linear_solver import LinearSolver
 from hpcinv.solver.mip_newton import ExtrapolatedStress
 from hpcinv.solver.newton import Floor, NewtonIteration, NewtonMonitor, Solve, Tolerance

@@ -7,8 +7,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.malloc import release_freed_memory
+from hpcinv.base.parallel.petsc_calls import set_up, solve
 from hpcinv.base.parallel.petsc_vectors import norm
-from hpcinv.base.parallel.unlocked_petsc import set_up, solve
 from hpcinv.model.assembly.system import System
 from hpcinv.model.outcome import Outcome
 from hpcinv.on_demand import on_demand

@@ -14,8 +14,8 @@ from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body, build_body, read_source, write_mesh
 from hpcinv.output.vtk import write_fields
+from hpcinv.results.cell_fields import shape_directions
 from hpcinv.results.cell_middles import unit_vectors
-from hpcinv.results.shape_directions import shape_directions
 
 SHEAR = np.array([[0.1, 0.7, 0.0], [0.0, -0.2, 0.3], [0.0, 0.0, 0.2]])
 """displacement gradient of a homogeneous deformation, by the position in the mesh"""

@@ -16,9 +16,8 @@ from helpers.solutions import made_up
 from helpers.verification import HERE
 
 from hpcinv.base.parallel.malloc import release_freed_memory
-from hpcinv.base.parallel.memory_use import peak, resident
 from hpcinv.base.parallel.runtime import MPI
-from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.parallel.timings import Timings, peak, resident
 from hpcinv.errors import OutputError
 from hpcinv.job.fingerprint import fingerprint
 from hpcinv.job.job import Job, parse

@@ -12,7 +12,7 @@ from helpers.command_line import environment
 SCRIPT = """
 import hpcinv.base.parallel.runtime
 import numpy as np
-from hpcinv.base.parallel.memory_use import resident
+from hpcinv.base.parallel.timings import resident
 from hpcinv.base.parallel.left_for_run import available
 before = resident()
 block = np.ones(25_000_000)

@@ -13,9 +13,9 @@ from helpers.study_runs import BAD, Begin, drain, good, reused
 
 from hpcinv.errors import JobError, SolveError
 from hpcinv.studies.batch.ledger.case_record import CaseRecord
-from hpcinv.studies.study.convergence import fitted_order, orders, richardson
 from hpcinv.studies.study.directory import StudyDirectory
 from hpcinv.studies.study.findings import accuracy, front
+from hpcinv.studies.study.references import fitted_order, orders, richardson
 from hpcinv.studies.study.result_rows import rows_of
 from hpcinv.studies.study.study_plan import StudyPlan
 from hpcinv.studies.study.study_report import not_refined

@@ -20,7 +20,7 @@ import hpcinv as package
 from hpcinv.__main__ import main
 from hpcinv.base.parallel import code_cache
 from hpcinv.errors import JobError, MeshError
-from hpcinv.geometry.cad import small_features
+from hpcinv.geometry.cad import mesh_warnings
 from hpcinv.geometry.workshop.cad_refit import NotRefitted, movement, refit
 from hpcinv.geometry.workshop.solid import volume_of
 from hpcinv.job.mesh_section import MeshSpec
@@ -255,7 +255,7 @@ def test_colours_are_regions(cad: Callable[[str], Path], tmp_path: Path) -> None
 def test_small_roundings_that_make_a_mesh_large_are_named(
     cad: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(small_features, "_MANY", 300)
+    monkeypatch.setattr(mesh_warnings, "_MANY", 300)
     lines: list[str] = []
     read(cad("rounded.step"), size="8 mm", report=lines.append)
     (line,) = [line for line in lines if "mesh.grade" in line]

@@ -24,8 +24,8 @@ from hpcinv.physics.kinematics.ufl_formulas import UFL_FUNCTIONS
 from hpcinv.physics.points import array_interpreter, form_programs, interpreter, kernels
 from hpcinv.physics.points.array_interpreter import ArrayKernel
 from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.interpreter import PointKernel
 from hpcinv.physics.points.point_scalars import PointScalars
-from hpcinv.physics.points.point_values import PointKernel
 from hpcinv.physics.points.program import Program
 from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic, ScalarGraph

@@ -7,9 +7,9 @@ import pytest
 from helpers.command_line import ROOT
 from helpers.mesh_cases import spec
 
+from hpcinv.geometry.cad.mesh_warnings import edges_through_walls, report_thin_walls
 from hpcinv.mesh import read_source
 from hpcinv.mesh.source import MeshSource
-from hpcinv.mesh.thin_walls import edges_through_walls, report_thin_walls
 
 
 def box(hexahedra: bool, through: int) -> MeshSource:

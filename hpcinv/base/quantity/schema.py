@@ -267,13 +267,12 @@ def _also_arithmetic(schema: dict[str, Any]) -> None:
 class OneOf:
     """Annotation of a field for one member of a family of specs, selected by the literal field ``tag``.
 
-    The family is the annotated type. Members are looked up when a value is validated: defining a
+    The family is the annotated type, unless it is given. Members are looked up when a value is validated: defining a
     subclass registers it.
     """
 
-    def __init__(self, tag: str) -> None:
-        self.tag = tag
-        self.family: Any = None
+    def __init__(self, tag: str, family: Any = None) -> None:
+        self.tag, self.family = tag, family
 
     def choose(self, data: Any, info: core_schema.ValidationInfo[Any]) -> Any:
         """Validated member for ``data``."""
@@ -290,7 +289,7 @@ class OneOf:
         return members[name].model_validate(data, context=info.context)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
-        self.family = source
+        self.family = self.family or source
         return core_schema.with_info_plain_validator_function(self.choose)
 
     def __get_pydantic_json_schema__(

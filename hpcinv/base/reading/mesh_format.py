@@ -16,10 +16,21 @@ if TYPE_CHECKING:
     type Floats = npt.NDArray[np.float64]
     type Ints = npt.NDArray[np.int64]
 
+
 OUTER, INNER = "outer", "inner"
 """regions of the faces of a shell: the outer one is on the side of its normal"""
 OF_NODES = "-nodes"
 """ends the name of the region of a node set, if the surface of its name has other nodes"""
+
+
+class Later:
+    """A module that is imported where an attribute of it is first asked for: jobs know all formats without NumPy."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(importlib.import_module(self._name), attribute)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hpcinv.base.reading.fault import Fault, shown
-from hpcinv.base.reading.later import Later
+from hpcinv.base.reading.mesh_format import Later
 
 if TYPE_CHECKING:
     import numpy as np

@@ -14,14 +14,13 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.base.reading.cad_files import given_name, solid_names
 from hpcinv.base.reading.door import admitted
 from hpcinv.errors import MeshError
-from hpcinv.geometry.cad.small_features import report_small_features
+from hpcinv.geometry.cad.mesh_warnings import report_small_features, report_thin_walls
 from hpcinv.job.mesh_section import MeshSpec
 from hpcinv.mesh.cell_count import MeshingMonitor, monitored
 from hpcinv.mesh.io.cad_surface import cad_surface
 from hpcinv.mesh.io.gmsh_model import extract, session
 from hpcinv.mesh.io.isolated import check_cad
 from hpcinv.mesh.source import MeshSource
-from hpcinv.mesh.thin_walls import report_thin_walls
 
 _HAIR = 1e-3  # gap of two solids, relative to the whole size, that is taken for a fault; more refuses separate parts
 _SEWN = 1e-5  # gap of faces, relative to the whole size, that are sewn to a solid; more may join thin parts

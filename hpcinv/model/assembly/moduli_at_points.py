@@ -17,7 +17,7 @@ from hpcinv.mesh.source import Floats
 from hpcinv.model.assembly.tangent_moduli import Slot, Term, UnsupportedForm, VolumePart, slots_of, volume_parts
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.points.integrands import Integrand, Sources
-from hpcinv.physics.points.point_values import PointKernel
+from hpcinv.physics.points.interpreter import PointKernel
 from hpcinv.physics.points.program_files import Programs, kept_programs
 from hpcinv.physics.points.scalar_graph import NotAnalytic
 from hpcinv.physics.points.tables import Tables

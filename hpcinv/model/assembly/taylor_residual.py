@@ -36,8 +36,8 @@ from hpcinv.model.assembly.taylor_code import LANES, taylor_code
 from hpcinv.model.spaces import Unknowns
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.physics.points.integrands import Integrand, Sources
+from hpcinv.physics.points.interpreter import PointKernel
 from hpcinv.physics.points.point_scalars import PointScalars
-from hpcinv.physics.points.point_values import PointKernel
 from hpcinv.physics.points.program_files import Programs, digest, kept, kept_programs
 from hpcinv.physics.points.scalar_graph import Node, NotAnalytic, ScalarGraph
 from hpcinv.physics.points.slopes import coefficients

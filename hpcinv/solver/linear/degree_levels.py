@@ -20,7 +20,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from hpcinv.base.parallel.unlocked_petsc import set_up
+from hpcinv.base.parallel.petsc_calls import set_up
 from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.mesh.interpolation import interpolate
 from hpcinv.mesh.source import Floats

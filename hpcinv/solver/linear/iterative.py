@@ -26,7 +26,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from hpcinv.base.parallel.unlocked_petsc import set_up
+from hpcinv.base.parallel.petsc_calls import set_up
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.solver.linear.block_triangular import BlockTriangular
 from hpcinv.solver.linear.configuration import LinearConfiguration

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hpcinv.studies.batch.tables import unit_of
-from hpcinv.studies.study.convergence import fitted_order, orders
-from hpcinv.studies.study.references import ReferenceValue, find_reference
+from hpcinv.studies.study.references import ReferenceValue, find_reference, fitted_order, orders
 from hpcinv.studies.study.result_rows import StudyRow
 from hpcinv.studies.study.study_plan import StudyPlan
 

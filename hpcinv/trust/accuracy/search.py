@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from hpcinv.base.parallel.left_for_run import available
-from hpcinv.base.parallel.memory_use import peak
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.parallel.signals import signals_recorded
-from hpcinv.base.parallel.timings import Timings
+from hpcinv.base.parallel.timings import Timings, peak
 from hpcinv.base.quantity.written_units import written_units
 from hpcinv.errors import Interrupted, MeshError
 from hpcinv.job.job import Job

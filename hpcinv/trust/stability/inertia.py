@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_calls import set_up
 from hpcinv.base.parallel.petsc_vectors import norm
-from hpcinv.base.parallel.unlocked_petsc import set_up
 from hpcinv.model.spaces import Unknowns
 from hpcinv.solver.linear.factorization import WORKSPACE, larger_workspace, order_by_nodes
 from hpcinv.solver.petsc_options import OptionValue

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_calls import set_up, solve
 from hpcinv.base.parallel.petsc_vectors import norm
-from hpcinv.base.parallel.unlocked_petsc import set_up, solve
 from hpcinv.model.weak_form import WeakForm
 from hpcinv.solver.linear.iterative import Iterative
 from hpcinv.solver.petsc_options import SolverOptions

@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from hpcinv.base.parallel.unlocked_petsc import set_up, solve
+from hpcinv.base.parallel.petsc_calls import set_up, solve
 
 
 def laplacian(n: int) -> PETSc.Mat:

@@ -1,13 +1,18 @@
-"""Long calls of PETSc that release the interpreter lock of Python, which petsc4py keeps.
+"""Calls of PETSc without the lock of Python, and methods that PETSc calls.
 
 Meanwhile the thread of `hpcinv.base.parallel.signals` can end a process that is asked to stop. Functions in Python take
 the lock themselves where PETSc calls them. Cyclic garbage is not collected: another thread that collected it would
 destroy objects of PETSc and communicators of MPI, neither of which allow two threads at a time.
+
+PETSc calls methods without keeping their objects: Python cannot collect a cycle through an object of PETSc.
 """
 
 import ctypes
 import gc
+from collections.abc import Callable
 from functools import cache
+from typing import Any
+from weakref import WeakMethod
 
 from petsc4py import PETSc
 
@@ -42,3 +47,14 @@ def _succeeds(name: str, *objects: PETSc.Object) -> bool:
 @cache
 def _library() -> ctypes.CDLL:
     return ctypes.CDLL(PETSc.__file__)
+
+
+def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that calls a bound method, but does not keep the object alive that owns the PETSc object."""
+    reference = WeakMethod(method)
+
+    def call(*arguments: Any, **further: Any) -> Any:
+        found = reference()
+        return None if found is None else found(*arguments, **further)
+
+    return call
