@@ -4,6 +4,7 @@ import dataclasses
 
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 
 from hpcinv.base.quantity.suggestions import did_you_mean
@@ -83,3 +84,15 @@ def _check(body: Body, array: DataArray, rows: Rows) -> None:
             f" {array.place} (first: {array.place.removesuffix('s')} {first})",
             f"Give the array a finite value on all {array.place} of the body.",
         )
+
+
+def cell_vectors(function: fem.Function) -> Floats:
+    """Return the vectors at the points of each local cell, ghosts included, (cells, points, 3)."""
+    return np.asarray(function.x.array.reshape(-1, 3)[function.function_space.dofmap.list])
+
+
+def middle_vectors(function: fem.Function, cells: npt.NDArray[np.integer]) -> Floats:
+    """Return the vectors in the middle of local cells, (cells, 3)."""
+    element = function.function_space.element.basix_element
+    shapes = element.tabulate(0, element.points.mean(axis=0)[None])[0, 0, :, 0]
+    return np.asarray(np.einsum("n,cni->ci", shapes, cell_vectors(function)[cells]))

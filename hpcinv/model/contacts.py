@@ -11,11 +11,10 @@ from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contact_reports import ContactReport, SlipHistory
-from hpcinv.model.obstacle_contact import ObstacleContact, PenaltyDirection
 from hpcinv.model.obstacle_passage import Passages
-from hpcinv.model.obstacle_surface import ObstacleSurface
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
+from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.effects.contact import Contact
 from hpcinv.physics.kinematics.kinematics import Kinematics
@@ -54,7 +53,7 @@ class Contacts:
         pairs: Sequence[Any] = (),
     ) -> None:
         self._obstacles = [
-            ObstacleContact(f"contact_pressure{label}", where, *e, k, body, resolve, degree, modulus)
+            on_demand("rigid obstacle")(f"contact_pressure{label}", where, *e, k, body, resolve, degree, modulus)
             for where, label, e in _labelled(effects)
             if not e[0].is_paired
         ]
@@ -195,7 +194,7 @@ class Contacts:
         force: Floats = np.sum([np.zeros(3), *forces], axis=0)
         return force
 
-    def rigid(self) -> list[PenaltyDirection]:
+    def rigid(self) -> list[Any]:
         """Return the rigid obstacles with a uniform penalty, in the order of the job."""
         return [contact for contact in self._all if contact.has_uniform_penalty]
 
@@ -216,10 +215,10 @@ def _labelled(effects: Iterable[_Named]) -> list[tuple[str, str, tuple[Any, Any,
 
 def paired_obstacles(
     effects: Iterable[_Named], body: Body, resolve: Callable[[str], Path]
-) -> list[tuple[str, str, ObstacleSurface]]:
+) -> list[tuple[str, str, Any]]:
     """Return the obstacles that take the part of a surface of an interface, with places and endings of names."""
     return [
-        (where, label, ObstacleSurface(*effect, body, resolve, body.mesh.comm))
+        (where, label, on_demand("surface of an obstacle")(*effect, body, resolve, body.mesh.comm))
         for where, label, effect in _labelled(effects)
         if effect[0].is_paired
     ]

@@ -92,18 +92,6 @@ def notes_on_rules(body: Body) -> Iterator[str]:
             yield f"{entry.function.name}: {entry.text}"
 
 
-def cell_vectors(function: fem.Function) -> Floats:
-    """Return the vectors at the points of each local cell, ghosts included, (cells, points, 3)."""
-    return np.asarray(function.x.array.reshape(-1, 3)[function.function_space.dofmap.list])
-
-
-def middle_vectors(function: fem.Function, cells: npt.NDArray[np.integer]) -> Floats:
-    """Return the vectors in the middle of local cells, (cells, 3)."""
-    element = function.function_space.element.basix_element
-    shapes = element.tabulate(0, element.points.mean(axis=0)[None])[0, 0, :, 0]
-    return np.asarray(np.einsum("n,cni->ci", shapes, cell_vectors(function)[cells]))
-
-
 def _computed(body: Body, rule: FibreRule, where: str) -> Directions:
     mesh, comm = body.mesh, body.mesh.comm
     potentials = _potentials(body, rule, where)

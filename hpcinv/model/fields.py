@@ -12,9 +12,9 @@ from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.spatial_fields import ELSEWHERE, ByData, ByFormula, ByRule, Field
 from hpcinv.errors import MeshError, naming_field
 from hpcinv.mesh import Body
-from hpcinv.mesh.data import as_function, distribute
+from hpcinv.mesh.data import as_function, cell_vectors, distribute
 from hpcinv.mesh.source import DataArray, Floats
-from hpcinv.model.fibre_directions import cell_vectors, rule_directions
+from hpcinv.on_demand import on_demand
 
 _KINDS = {"physical": "groups of the mesh", "geometric": "regions of the job"}
 _INWARDS = 0.8  # position of samples from a cell's midpoint to its nodes; formulas may be singular on the surface
@@ -43,7 +43,7 @@ class BodyFields:
                 direction.
         """
         if isinstance(value, ByRule):
-            return rule_directions(self.body, value.rule, where).function
+            return self._by_rule(value, where)
         if isinstance(value, ByData):
             function = as_function(self.body, self._array(value))
             function.x.array[:] *= value.factor / scale
@@ -52,6 +52,10 @@ class BodyFields:
         function.x.array[:] /= scale
         return function
 
+    def _by_rule(self, value: ByRule, where: str) -> fem.Function:
+        directions: fem.Function = on_demand("directions of a rule")(self.body, value.rule, where).function
+        return directions
+
     def samples(self, value: float | Field, where: str) -> Floats:
         """Return values (SI) at points inside of each local cell; collective.
 
@@ -59,7 +63,7 @@ class BodyFields:
         """
         match value:
             case ByRule():
-                return _inwards(cell_vectors(rule_directions(self.body, value.rule, where).function))
+                return _inwards(cell_vectors(self._by_rule(value, where)))
             case ByData():
                 values = self._data(value) * value.factor
                 return values.reshape(*values.shape[:2], *{1: (), 3: (3,), 9: (3, 3)}[value.components])

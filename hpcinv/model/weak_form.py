@@ -47,7 +47,6 @@ from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
-from hpcinv.physics.kinematics.transverse_shear import corrected_for_shear
 from hpcinv.physics.materials import MaterialLaw
 
 LABEL = Label(1_000_001)
@@ -134,7 +133,7 @@ class WeakForm:
         self.H = H = Variable(kin.H, LABEL)
         source = fields.body.source
         is_one_layer = source_of(source.body_kind).corrects_shear(source, job.discretisation.displacement)
-        total = Deformation(corrected_for_shear(H, kin) if is_one_layer else H, directions)
+        total = Deformation(on_demand("shear of one layer")(H, kin) if is_one_layer else H, directions)
         strains = [*_strains(effect_data, total, kin.data_state)]
         elastic, J_g = _elastic(total, [strain for _, strain in strains])
         self._own = own = [strain for effect, strain in strains if effect.writes_its_stress]

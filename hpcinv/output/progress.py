@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from hpcinv.base.quantity.units import readable
 from hpcinv.errors import HpcinvError
-from hpcinv.model.fibre_directions import notes_on_rules
+from hpcinv.on_demand import on_demand
 from hpcinv.output.run_log import RunLog
 from hpcinv.output.text_report import counted, report, short_report
 from hpcinv.solver.observer import Observer
@@ -187,7 +187,7 @@ class Progress(Observer):
         self._directory = str(directory)
         kind = job.kind.removesuffix(" analysis")
         self.note(f"{job.job}: {kind}, {cells} cells, {unknowns} unknowns, {ranks}; results in {directory}")
-        for line in notes_on_rules(body):
+        for line in on_demand("notes on rules of fibres")(body) if job.families else ():
             self.note(f"  {line}")
         if restart is not None:
             for complaint in restart.complaints:

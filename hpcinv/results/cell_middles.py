@@ -10,9 +10,9 @@ from hpcinv.base.quantity.spatial_fields import ByData, ByRule
 from hpcinv.job.fibres import FibreFamily
 from hpcinv.mesh import Body
 from hpcinv.mesh.cells import jacobians, scalar_element
-from hpcinv.mesh.data import distribute
+from hpcinv.mesh.data import distribute, middle_vectors
 from hpcinv.mesh.source import Floats
-from hpcinv.model.fibre_directions import middle_vectors, rule_directions
+from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 
 type Cells = npt.NDArray[np.integer]
@@ -85,7 +85,7 @@ def given_in_middles(body: Body, name: str, family: FibreFamily, solution: Solut
     """Return the directions of a family as they are given, of any length, in the middle of local cells; collective."""
     (value, _) = family.quantities()["direction"]
     if isinstance(value, ByRule):
-        return middle_vectors(rule_directions(body, value.rule, f"fibres.{name}").function, cells)
+        return middle_vectors(on_demand("directions of a rule")(body, value.rule, f"fibres.{name}").function, cells)
     dofs = body.mesh.geometry.dofmaps[0]
     shapes = scalar_element(body.source.kind, body.degree).tabulate(0, _middle(body.source.kind))[0, 0, :, 0]
     if isinstance(value, ByData):

@@ -21,7 +21,8 @@ from hpcinv.errors import JobError, MeshError
 from hpcinv.job.job import Job
 from hpcinv.mesh import Body, build_body
 from hpcinv.mesh.cells import scalar_element
-from hpcinv.model.fibre_directions import _farthest, _first_by_place, cell_vectors, rule_directions
+from hpcinv.mesh.data import cell_vectors
+from hpcinv.model.fibre_directions import _farthest, _first_by_place, rule_directions
 from hpcinv.model.laplace import Laplace
 
 TUBE = {"kind": "tube", "inner": "inner", "outer": "outer", "inlet": "z0", "outlet": "z1"}

@@ -13,8 +13,8 @@ from hpcinv.solver.observer import SILENT, Observer, freeing
 from hpcinv.solver.support_checks import barely_held
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, judged_with_given_numbers, skipped, topic
-from hpcinv.trust.stability.confirmation import MARGIN, Confirmed, assembled, confirm, given_u_of, potential_note
-from hpcinv.trust.stability.forward_factors import ForwardFactors
+from hpcinv.trust.stability.confirmation import MARGIN, Confirmed, assembled, confirm, potential_note
+from hpcinv.trust.stability.forward_factors import ForwardFactors, given_u_of
 
 STABILITY = topic(
     "stability: unstable directions",

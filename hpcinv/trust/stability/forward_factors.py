@@ -11,13 +11,15 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, Protocol
 
+from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.base.quantity.spatial_fields import fields_in
+from hpcinv.job.job import Job
 from hpcinv.on_demand import on_demand
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
 from hpcinv.solver.equilibrium import Equilibrium
-from hpcinv.trust.stability.confirmation import given_u_of
 from hpcinv.trust.stability.inertia import SymmetricFactors, factorize_symmetric
 
 SHARE = 0.5
@@ -95,3 +97,26 @@ class ForwardFactors:
         for name in ("factors", "multigrid"):
             if (factors := self.__dict__.pop(name, None)) is not None:
                 factors.destroy()
+
+
+def given_u_of(equations: Equations) -> fem.Function | None:
+    """Return the state's displacement if properties of the material are given on the loaded body, else ``None``.
+
+    The forward weak form needs it, to keep them attached to the material. If they are given in another state, the
+    weak forms of the equations have its displacement already.
+    """
+    if equations.has_attached:
+        return None
+    return equations.unknowns.displacement() if _seen_on_the_current_body(equations.job) else None
+
+
+def _seen_on_the_current_body(job: Job) -> bool:
+    """Return whether fibres, inelastic strains or parameters of the material are given on the current body."""
+    effects = [effect for effect in job.effects if not effect.is_load]
+    if any(family.given_on == "current" for family in job.families.values()):
+        return True
+    if any(effect.strain_given_on == "current" for effect in effects):
+        return True
+    parts = (*job.laws.values(), *job.families.values(), *effects)
+    quantities = (value for part in parts for value, _ in part.quantities().values())
+    return any(field.is_current for value in quantities for field in fields_in(value))
