@@ -39,9 +39,9 @@ NOT_BODY: dict[str, str] = _NEITHER | dict.fromkeys(
 """What has no influence on the body of a job, with the reason."""
 
 
-def body_key(job: Job) -> str:
+def body_key(job: Job, known: SectionData | None = None) -> str:
     """Hash (20 hex digits) of all that the body of a job depends on: everything except `NOT_BODY`."""
-    return hash_of(resolved(job, NOT_BODY))
+    return hash_of(resolved(job, NOT_BODY, known))
 
 
 def reuse_group_of(job: Job, known: SectionData | None = None) -> str:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.nondimensional import Scales
 from hpcinv.mesh import Body
 from hpcinv.mesh.source import Floats
 from hpcinv.model.contact_reports import ContactReport, SlipHistory
-from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
 from hpcinv.on_demand import on_demand
@@ -22,6 +22,40 @@ from hpcinv.physics.kinematics.kinematics import Kinematics
 MOST_UNBALANCED = 2.0**-20
 """Largest force on a part that contact alone holds that pressure does not balance, by the force of the contact, 1e-6.
 Raised, loads that nothing balances move the part."""
+
+
+class Passages:
+    """The ways past all obstacles that a surface can pass through; methods are collective if there are any."""
+
+    def __init__(self, passages: Sequence[Any], comm: MPI.Intracomm) -> None:
+        self._passages, self._comm = tuple(passages), comm
+
+    def __bool__(self) -> bool:
+        return bool(self._passages)
+
+    def depart(self) -> None:
+        for passage in self._passages:
+            passage.depart()
+
+    def forget(self) -> None:
+        for passage in self._passages:
+            passage.forget()
+
+    def has_passed(self) -> bool:
+        """Return whether a way from where they began to the present state leads through an obstacle."""
+        if not self._passages:
+            return False
+        have_passed = [passage.has_passed() for passage in self._passages]  # all of them, which gives each a start
+        return bool(self._comm.allreduce(any(have_passed), op=MPI.LOR))
+
+    def points(self) -> list[Floats]:
+        """Return the present points, relative to each obstacle."""
+        return [passage.points() for passage in self._passages]
+
+    def share(self, start: Sequence[Floats]) -> float:
+        """Return the share of the straight way from ``start`` to the present state that passes through no obstacle."""
+        shares = [p.share(a, b) for p, a, b in zip(self._passages, start, self.points(), strict=True)]
+        return float(self._comm.allreduce(min(shares, default=1.0), op=MPI.MIN))
 
 
 class Contacts:

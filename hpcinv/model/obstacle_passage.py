@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import basix
 import numpy as np
 
-from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.arrays import LocalIndices
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import cells_and_sides
@@ -160,40 +159,6 @@ class Passage:
         is_near &= (start != end).any(axis=1)
         shares[is_near] = passages(self._distance, start[is_near], end[is_near])
         return shares
-
-
-class Passages:
-    """The ways past all obstacles that a surface can pass through; methods are collective if there are any."""
-
-    def __init__(self, passages: Sequence[Passage], comm: MPI.Intracomm) -> None:
-        self._passages, self._comm = tuple(passages), comm
-
-    def __bool__(self) -> bool:
-        return bool(self._passages)
-
-    def depart(self) -> None:
-        for passage in self._passages:
-            passage.depart()
-
-    def forget(self) -> None:
-        for passage in self._passages:
-            passage.forget()
-
-    def has_passed(self) -> bool:
-        """Return whether a way from where they began to the present state leads through an obstacle."""
-        if not self._passages:
-            return False
-        have_passed = [passage.has_passed() for passage in self._passages]  # all of them, which gives each a start
-        return bool(self._comm.allreduce(any(have_passed), op=MPI.LOR))
-
-    def points(self) -> list[Floats]:
-        """Return the present points, relative to each obstacle."""
-        return [passage.points() for passage in self._passages]
-
-    def share(self, start: Sequence[Floats]) -> float:
-        """Return the share of the straight way from ``start`` to the present state that passes through no obstacle."""
-        shares = [p.share(a, b) for p, a, b in zip(self._passages, start, self.points(), strict=True)]
-        return float(self._comm.allreduce(min(shares, default=1.0), op=MPI.MIN))
 
 
 def passages(distance: DistanceFunction, start: Floats, end: Floats) -> Floats:

@@ -33,13 +33,12 @@ from hpcinv.job.job import Job
 from hpcinv.mesh.kind_source import source_of
 from hpcinv.model.cell_means import PartExpressions, StateMeans
 from hpcinv.model.constraint_integral import ConstraintIntegral
-from hpcinv.model.contacts import Contacts, paired_obstacles
+from hpcinv.model.contacts import Contacts, Passages, paired_obstacles
 from hpcinv.model.external_work import constraint_forms, external_work
 from hpcinv.model.field_checks import shear_modulus
 from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
-from hpcinv.model.obstacle_passage import Passages
 from hpcinv.model.parameters import ParameterDerivative, Parameters
 from hpcinv.model.plugin_terms import noted
 from hpcinv.model.spaces import Unknowns

@@ -12,7 +12,8 @@ import pytest
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.base.quantity.expressions import Expression
 from hpcinv.errors import MeshError
-from hpcinv.model.obstacle_passage import DistanceFunction, Passage, Passages, passages
+from hpcinv.model.contacts import Passages
+from hpcinv.model.obstacle_passage import DistanceFunction, Passage, passages
 from hpcinv.model.surface_distance import SurfaceDistance
 from hpcinv.physics.effects.obstacles import Cylinder, LevelSet, Obstacle, Plane, Sphere
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf, log
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from hpcinv.base.quantity.units import readable
 from hpcinv.base.updates import Anderson
 from hpcinv.model.assembly.system import System
 from hpcinv.model.contact_reports import ContactReport
-from hpcinv.model.obstacle_contact import PenaltyDirection
 from hpcinv.results.displacement_scale import displacement_scale
 from hpcinv.trust.certificate.certify import Check, CheckedRun
 from hpcinv.trust.certificate.check import Line, Verdict, topic, upper_bound_line
@@ -91,7 +91,7 @@ class PenaltyCheck(Check):
                     yield upper_bound_line(about, change / size if size else 0.0, _PENALTY, inf, note=note)
 
 
-def _rate(system: System, solver: TangentSolver, obstacle: PenaltyDirection) -> float | None:
+def _rate(system: System, solver: TangentSolver, obstacle: Any) -> float | None:
     """Return the largest rate of the displacement by the logarithm of a penalty, with the pressures that follow it.
 
     Pressures ``q`` at vertices follow by Uzawa's method for the linearised equations, ``q' -= penalty g'``, accelerated
