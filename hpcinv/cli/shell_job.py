@@ -20,14 +20,14 @@ from hpcinv.mesh.midsurface import thicken
 from hpcinv.mesh.source import Floats, Group, MeshSource
 
 _SAME = 1e-6
-"""parts of unit vectors, and differences of numbers by their size, that are 0; raised, oblique edges count as
-aligned"""
+"""component of a unit vector, or relative difference of numbers, below which it counts as 0; raised, oblique edges
+count as aligned"""
 _DRILLING = 0.05
 """Part of the director that a rotation about the normal may move; raised, supports are lost without a word"""
 _TURNED = 1e-3
-"""Share of moments about the normal or in other directions, above which they are not taken; raised, more is lost"""
+"""Share of a moment about the normal or in other directions above which the moment is left out; raised, more is lost"""
 _PLACES = {0.0: "middle", 0.5: OUTER, -0.5: INNER}
-"""of the nodes, by the offset along the outer normal"""
+"""where the nodes of a shell are, by their offset along the outer normal over the thickness"""
 
 
 class ShellJob(FileJob):

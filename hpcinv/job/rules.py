@@ -237,7 +237,7 @@ def _unknown_states(quantity: QuantityOfInterest, loaded: Iterable[str]) -> Faul
 
 
 def _one_for_each_state(quantity: QuantityOfInterest, loaded: Iterable[str]) -> list[QuantityOfInterest]:
-    """The quantity, or one for each loaded state, with its name added to the quantity's, if it names none."""
+    """Return the quantity; if it names no state, one for each loaded state, whose name is added to the quantity's."""
     if quantity.state is not None or not loaded:
         return [quantity]
     return [

@@ -13,8 +13,8 @@ from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.surface import Surface, Triangles
 from hpcinv.mesh.topology import find_rows, unique_rows
 
-_TOUCH = 1e-9  # of the body's diagonal: depth up to which parts touch
-_OF_EDGE = 1e-3  # and of the shortest edge, so that thin walls and fine parts stay as they are
+_TOUCH = 1e-9  # depth up to which parts touch, relative to the body's diagonal
+_OF_EDGE = 1e-3  # largest such depth, relative to the shortest edge: thin walls and fine parts stay as they are
 _FLAT = 1e-6  # regularisation of least squares where the surface is flat
 _CHUNK = 200_000  # pairs of triangles at a time, to bound the memory
 _FINER = 4  # further subdivisions of curved facets; a crossing must persist on them

@@ -50,7 +50,7 @@ class KindSource:
         return refined
 
     def quadrature(self, body: MeshSource, degree: int) -> int:
-        """Return the quadrature degree of cells that integrate polynomials of a degree, by default itself."""
+        """Return the degree of the quadrature rule that integrates polynomials of some degree on the cells."""
         return degree
 
     def corrects_shear(self, body: MeshSource, degree: int) -> bool:

@@ -35,9 +35,9 @@ class SymmetryPlane:
 def symmetry_planes(job: Job, body: Body, mesh_nodes: Floats, other_nodes: Floats) -> list[SymmetryPlane]:
     """Find the planes of symmetry among a job's supports; collective.
 
-    A support makes one if it fixes one direction alone, normal to the plane in which its region lies in the given body,
-    if all of that body is on one side, and if all of the boundary in that plane is in the region: else it may be a rest
-    beyond which the body is free to sag.
+    A support makes a plane of symmetry if it fixes one direction alone, normal to the plane in which its region lies.
+    The given body must lie on one side, and its boundary in that plane in the region. Else the support may be a rest,
+    and next to it the body is free to sag.
 
     Args:
         mesh_nodes: local geometry nodes (n, 3) m of the given body.

@@ -49,7 +49,7 @@ class LinearSolver:
         self._is_refined = choice.is_refined
         self._factorized = -1  # number of the tangent that was factorized last
         self._pattern = 0
-        self._released = -1  # the same before its factors were released, as long as they exist
+        self._released = -1  # number of the tangent whose factors were given up, as long as they exist
         with system.timings("set-up"):
             self.options = SolverOptions(options, where)
             self.ksp = PETSc.KSP().create(system.comm)

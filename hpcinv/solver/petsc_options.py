@@ -32,7 +32,7 @@ class SolverOptions:
     def __init__(self, job_options: Mapping[str, OptionValue], where: str = "solver.petsc") -> None:
         self._job_options, self._names, self._where = job_options, set(job_options), where
         self._values: dict[str, OptionValue] = {}
-        self._texts: dict[str, str] = {}  # the same as PETSc has them
+        self._texts: dict[str, str] = {}  # values as PETSc's text
         self._database = PETSc.Options(self.prefix)
         self.use({})
 

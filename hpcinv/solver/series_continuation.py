@@ -43,8 +43,8 @@ _PRECISE = 1e-10  # relative error of coefficients; a larger one shortens the ra
 _REFINEMENTS = 12  # of a coefficient by factors of a near tangent, or rounded ones, after which new factors are made
 _ROUNDED = 3  # refinements of a coefficient by rounded factors of the present tangent; exact ones take one
 _CHEAPER = 8.0
-"""New factors are made where refinements would take this many times as long, by the cost model. The model is rough for
-small bodies: with 1 and 3, a column of cubic cells takes 77 factorizations instead of 35; with 1, 14 % more time."""
+"""New factors are made where refinements would take this many times as long, by the cost model, which is rough for
+small bodies. With a value of 1 or 3, a column of cubic cells takes 77 factorizations instead of 35."""
 _SLOW = 0.5  # contraction of refinements from which on they are given up
 _TINY = 1e-100
 """Norm of the rate of the state by the load up to which only the load counts in the parameter: squares of smaller ones

@@ -297,7 +297,7 @@ class Conditions:
         return next((members for key, members in self._sets.items() if key.upper() == wanted), None)
 
     def _components(self) -> dict[str, frozenset[int]]:
-        """Return the nodes of the components of nodes."""
+        """Return the nodes of each component that has nodes, by its name."""
         return {key[6:]: frozenset(members) for key, members in self._sets.items() if key.startswith("nodes:")}
 
 

@@ -63,9 +63,9 @@ class ShellSection:
 
     Attributes:
         region: name of the set.
-        layers: material and thickness of each layer, in the direction of the elements' normals; one if there are none.
-        offset: distance of the nodes from the middle along the normals, by the thickness.
-        array: data array of the mesh with the thickness at nodes, where the layer's is 0.
+        layers: material and thickness of each layer, along the elements' normals; a shell without layers has one.
+        offset: distance of the nodes from the middle along the normals, over the thickness.
+        array: data array of the mesh with the thickness at nodes, if the thickness of the layer is given as 0.
         is_membrane: whether the elements have no bending stiffness.
         orientations: names of the axes of the layers; empty for the axes of the coordinates along the surface.
     """

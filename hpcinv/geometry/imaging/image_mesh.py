@@ -36,14 +36,14 @@ _FINEST = 0.75  # the same, relative to the voxels: below that there is nothing 
 _MOST_FIT = 5e6  # cubes of the cells' size in a box around the body: there is memory for them
 _RIGHT = 0.01  # relative error of a volume up to which it is not noted
 _GAPS = 2  # cells of the lattice: half of the width of gaps in which cells outside the body keep surfaces apart
-_REACHES = (2, 6, 10_000)  # the same: distance from crossing facets, up to which others do
+_REACHES = (2, 6, 10_000)  # cells of the lattice: distances from crossing facets, tried in turn, up to which others do
 _UNIFORM = 0.6  # smallest size of cells of one size, relative to the largest one
 _LEAST_LATTICE = 20_000  # tetrahedra, unless voxels are larger: more take longer, fewer make surfaces rough for MMG
 _MOST_LATTICE = 1_500_000  # tetrahedra, unless the size of cells needs more
 _PASSES = 2  # of MMG, each with nodes moved to the boundary after it
-_WRONG = 0.1  # and from which on there is no mesh
+_WRONG = 0.1  # relative error of a volume from which on there is no mesh
 _WITHIN = 0.25  # distance by which MMG may move boundaries, relative to the voxels of an image
-_WITHIN_FILLED = 0.4  # the same of a surface that was filled with voxels
+_WITHIN_FILLED = 0.4  # this distance for a surface that was filled with voxels
 _NEXT = 2.5  # distance of a neighbour's voxels from facets next to it, relative to a voxel
 _CELLS = 3e-2  # volume of a tetrahedron, relative to the cube of its size, for the expected number
 

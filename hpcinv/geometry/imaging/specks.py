@@ -15,7 +15,7 @@ from hpcinv.mesh.source import Floats, Ints
 _ISLAND = 0.01  # share of a body's volume up to which a part that touches no other is left out
 _ISLANDS = 0.05  # share of a label's volume up to which its islands may be left out
 _THIN = 0.5  # share of a label's volume in walls of one voxel from which on it is refused
-_NOTED = 0.05  # and from which on it is reported
+_NOTED = 0.05  # share of a label's volume in such walls from which on it is reported
 _BLOCK = np.ones((2, 2, 2), dtype=bool)
 
 

@@ -25,7 +25,7 @@ from hpcinv.model.spaces import Unknowns
 from hpcinv.model.supports import Supports
 
 _HEIGHTS = np.array([[-1.0, 1.0, 1.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0]])
-"""displacements of a column's three nodes by its director, middle and quadratic part"""
+"""displacements of a column's three nodes, row by row, that a unit of its director, middle or quadratic part makes"""
 
 
 class DirectorUnknowns:

@@ -8,7 +8,7 @@ from typing import Any
 
 _SERIES_BELOW = 2.0**-3  # |x| below which logarithms are computed from series
 _SERIES_TERMS = 6  # errors of second derivatives there: 1e-13 by truncation, 1e-12 by rounding of ln(1 + x)
-_REMAINDERS_BELOW = 2.0**-9  # the same of the others; small, since each term makes a form and its derivatives larger
+_REMAINDERS_BELOW = 2.0**-9  # |x| below which other functions are series, of few terms, which keep forms small
 _EXP_TERMS, _POWER_TERMS = 5, 8  # truncation error: 1e-17 of the sum, for powers from -20 to 20
 
 

@@ -25,7 +25,7 @@ class Settling:
     """Convergence test for PETSc's KSP, in addition to the tolerances of the KSP.
 
     Attributes:
-        rough: whether larger changes will do, since other iterations make up for what is left.
+        rough: whether a larger error is accepted, since an outer iteration corrects it.
         precise: whether only the residual counts, down to 1e-10.
         left: number of iterations left to all solutions until it is set again.
         most: number of iterations of one solution that is not precise.
@@ -34,7 +34,7 @@ class Settling:
     first = 1e-2  # relative residual of the first comparison
     ratio = 0.3  # of the residuals of successive comparisons
     change = 0.03  # relative change of the solution between comparisons at which it has converged
-    rough_first, rough_change = 0.05, 0.1  # the same where it may be rough
+    rough_first, rough_change = 0.05, 0.1  # first and change of rough solutions
 
     def __init__(self) -> None:
         self.precise, self.rough = False, False

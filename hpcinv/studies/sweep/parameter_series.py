@@ -29,7 +29,8 @@ STRATEGY = "power series in numbers"
 """Strategy of the solve of a case that begins with the value of a series."""
 
 _ACCURACY = 1e-4
-"""Error of a series up to which its value is a start. Far larger ones would need a new tangent all the same."""
+"""Error of a series up to which a solve starts from its value; from far larger ones it would need a new tangent all the
+same."""
 _EXACT = 1e-11
 """Error of a series at the farthest case at which orders end early; raised, cases take more corrections."""
 _COLLINEAR = 1e-9  # largest distance of a case's numbers from the line, as a share of its length

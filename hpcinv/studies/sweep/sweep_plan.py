@@ -26,7 +26,7 @@ _DEFAULTS: dict[str, Mapping[str, Any]] = {
     "checkpoint": {"seconds": 10.0},
 }
 _KEEPING = {"checkpoint": {"seconds": 0.0, "keep": 1}}
-"""The same, where solutions are kept."""
+"""Defaults of sweeps that keep solutions."""
 
 
 @dataclass(frozen=True)

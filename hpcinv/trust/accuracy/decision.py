@@ -8,8 +8,8 @@ from hpcinv.trust.accuracy.meshes import Meshes, Variant
 from hpcinv.trust.accuracy.refinement_forecast import TARGET, RefinementChoice, RefinementForecast, cautious, choose
 from hpcinv.trust.accuracy.trial import Trial
 
-DEEPEST = 2  # largest number of halvings of a marked cell in one step
-# The same of cells that touch a singular edge (only their pieces that touch it are halved again), and of others.
+DEEPEST = 2  # largest number of halvings of a marked cell in one step, on bodies without singular edges
+# With them: of cells that touch one, whose pieces that touch it are halved again, and of other cells.
 GRADED, FEW = 2, 1
 SECOND_MESH = 1.5  # smallest factor between the sizes of two meshes whose comparison gives the error
 

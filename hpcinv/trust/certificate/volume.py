@@ -59,7 +59,7 @@ UNACCOUNTED = topic(
 SHARE = 0.01
 SMALLEST, LARGEST = 0.1, 10.0
 """Volume ratios beyond which no elastic law of a solid was measured; farther apart, fewer runs warn"""
-WARN = 0.05  # as the discretisation error of the shape
+WARN = 0.05  # volumetric strain without its pressure; the discretisation error of the shape has the same threshold
 STIFF = 10.0  # bulk over shear modulus (Poisson's ratio 0.45) from which linear displacements lock noticeably
 
 

@@ -37,7 +37,7 @@ class Lifts:
         return np.zeros(self.count)
 
     def put(self, values: Floats, pins: Sequence[Pins]) -> None:
-        """Set the places of the pins for all numbers of the interfaces (n,)."""
+        """Move the pins to the places that the numbers (n,) give; the lifts of the parts are the last of these."""
         lifts = iter(values[len(values) - self.count :])
         for pin, way, begin in zip(pins, self._ways, self._begins, strict=True):
             pin.places = begin if way is None else begin + next(lifts) * way

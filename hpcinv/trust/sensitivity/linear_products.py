@@ -26,11 +26,11 @@ _TOLERANCE, _MULTIGRID_TOLERANCE, _ERROR = 1e-13, 1e-11, 1e-9
 dear, and preconditioned residual with linear multigrid, which leaves gradients by cell with errors of 3e-8 of the
 largest; raised, these errors grow in proportion."""
 _ENOUGH = 1e-9
-"""The same above which a solve has failed, unless that is by rounding; raised, gradients of nearly singular tangents
-are inaccurate."""
+"""Residual over the right-hand side above which a solve has failed, unless rounding explains it; raised, gradients of
+nearly singular tangents are inaccurate."""
 _ROUNDING = 10 * 2.0**-53
-"""Residual over ``‖K‖ ‖x‖`` that is taken for rounding; 0.2 to 0.4 times 2⁻⁵³ remain of shells. Raised, iterations
-that have not converged are accepted."""
+"""Residual over ``‖K‖ ‖x‖`` that is taken for rounding; shells leave 0.2 to 0.4 times 2⁻⁵³. Raised, iterations that
+have not converged are accepted."""
 _GROWTH = 1e13
 """``‖K‖ ‖x‖`` over the right-hand side up to which rounding is accepted. A shell that is 370 times as long as thick has
 3e11, and gradients with errors of 2e-6. Raised, singular tangents are accepted, whose growth is about 1e16."""
