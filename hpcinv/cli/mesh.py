@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hpcinv.base.files.untrusted import add_option
-from hpcinv.base.mesh_formats.partitioned_header import SUFFIX
+from hpcinv.base.mesh_formats.partitioned import SUFFIX
 from hpcinv.base.quantity.units import length_symbol
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.cli.help import add_command

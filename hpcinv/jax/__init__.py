@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hpcinv.studies.learning import needing
 from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
-from hpcinv.studies.learning.missing_package import needing
 
 with needing("jax", "JAX"):
     import jax

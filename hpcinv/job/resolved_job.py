@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from hpcinv.base.files.names import NamesFile
 from hpcinv.base.mesh_formats import FORMATS
-from hpcinv.base.mesh_formats.partitioned_header import read_header
+from hpcinv.base.mesh_formats.partitioned import read_header
 from hpcinv.base.quantity.expressions import LET
 from hpcinv.base.quantity.plugins import inputs_of
 from hpcinv.base.quantity.schema import Spec, metadata_in

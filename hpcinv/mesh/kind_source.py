@@ -14,7 +14,7 @@ import numpy as np
 from hpcinv.base.quantity.expressions import KeyPath
 from hpcinv.base.reading.suffix import suffix_of
 from hpcinv.job.mesh_section import ArrayLabels, MeshSpec
-from hpcinv.mesh.orientation import consistently_oriented
+from hpcinv.mesh.checks import consistently_oriented
 from hpcinv.mesh.readers import FILES
 from hpcinv.mesh.source import DataArray, Floats, Ints, MeshSource
 from hpcinv.on_demand import on_demand, variant

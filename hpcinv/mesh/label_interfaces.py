@@ -16,7 +16,7 @@ import numpy as np
 from hpcinv.errors import MeshError
 from hpcinv.mesh.cells import FACET_KIND, vertex_count
 from hpcinv.mesh.facet_groups import add_facets
-from hpcinv.mesh.interface_sides import side_names
+from hpcinv.mesh.regions import side_names
 from hpcinv.mesh.source import Group, Ints, MeshSource
 from hpcinv.mesh.topology import FacetTable
 

@@ -278,3 +278,16 @@ def _region(mesh: Mesh, name: str, origin: str, facets: LocalIndices, cells: Loc
     total = np.empty_like(counts)
     mesh.comm.Allreduce(counts, total)
     return Region(name, origin, facets, cells, int(total[0]), int(total[1]))
+
+
+def side_names(between: tuple[str, str]) -> tuple[str, str]:
+    """Return the names of the sides of an interface between two labels."""
+    a, b = between
+    return f"{a}|{b}", f"{b}|{a}"
+
+
+def sides_of(regions: Mapping[str, Region], between: tuple[str, str]) -> tuple[str, str]:
+    """Return the regions of the boundary on both sides of an interface between two regions or two labels."""
+    sides = side_names(between)
+    is_of_labels = all(name in regions and not regions[name].facet_count for name in between)
+    return sides if is_of_labels and all(side in regions for side in sides) else between

@@ -10,9 +10,9 @@ from typing import Any
 import ufl
 
 from hpcinv.errors import HpcinvError, JobError, described
-from hpcinv.model.plugin_terms import noted
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.kinematics.kinematics import Kinematics
+from hpcinv.physics.points.kernels import noted
 
 ADVICE = (
     "  Return a sum of integrals that are linear in v: k.dV(f) or k.dv(f) over the reference or current volume,"

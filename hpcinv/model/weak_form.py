@@ -40,13 +40,13 @@ from hpcinv.model.fields import BodyFields, law_cells
 from hpcinv.model.measures import Integration
 from hpcinv.model.nominal_displacement import NominalDisplacement
 from hpcinv.model.parameters import ParameterDerivative, Parameters
-from hpcinv.model.plugin_terms import noted
 from hpcinv.model.spaces import Unknowns
 from hpcinv.on_demand import on_demand
 from hpcinv.physics.effects import Effect
 from hpcinv.physics.kinematics.kinematics import Deformation, Kinematics, OtherState
 from hpcinv.physics.kinematics.staged_derivatives import gradient, remove_stages
 from hpcinv.physics.materials import MaterialLaw
+from hpcinv.physics.points.kernels import noted
 
 LABEL = Label(1_000_001)
 """Label of ``H``, the variable of the laws' derivatives; fixed and large as the kinematics'."""

@@ -17,8 +17,8 @@ from hpcinv.job.vocabulary import AXES
 from hpcinv.mesh import Body
 from hpcinv.mesh.boundary_shells import cells_of_facets, outer_facets
 from hpcinv.mesh.extent import extent
-from hpcinv.mesh.interface_sides import sides_of
 from hpcinv.mesh.parts import parts_of
+from hpcinv.mesh.regions import sides_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.mesh.topology import connected
 from hpcinv.model.assembly.system import System
@@ -284,7 +284,7 @@ def joined_parts(body: Body, interfaces: Sequence[Interface], count: int, labels
     """
     pairs = list[tuple[int, int]]()
     for interface in interfaces:
-        found = np.concatenate([_labels(body, labels, name) for name in sides_of(body, interface.between)])
+        found = np.concatenate([_labels(body, labels, name) for name in sides_of(body.regions, interface.between)])
         everywhere = np.unique(np.concatenate(body.mesh.comm.allgather(found)))
         pairs += [(int(everywhere[0]), int(other)) for other in everywhere[1:]]
     joints = np.array([*pairs, *((part, part) for part in range(count))], dtype=np.int64)

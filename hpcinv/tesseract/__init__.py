@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hpcinv.errors import JobError
+from hpcinv.studies.learning import needing
 from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
-from hpcinv.studies.learning.missing_package import needing
 
 with needing("tesseract_core", "Tesseract", "'tesseract-core[runtime]'", "hpcinv.tesseract"):
     from pydantic import BaseModel, Field, create_model

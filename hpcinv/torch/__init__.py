@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from hpcinv.studies.learning import needing
 from hpcinv.studies.learning.differentiable_job import SHAPE, DifferentiableJob
-from hpcinv.studies.learning.missing_package import needing
 
 with needing("torch", "PyTorch"):
     import torch

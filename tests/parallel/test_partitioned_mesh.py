@@ -21,7 +21,7 @@ from helpers.solutions import SOLVES
 
 import hpcinv
 from hpcinv.__main__ import main
-from hpcinv.base.mesh_formats.partitioned_header import HEADER
+from hpcinv.base.mesh_formats.partitioned import HEADER
 from hpcinv.base.parallel.runtime import MPI, on_root
 from hpcinv.errors import JobError, MeshError, OutputError
 from hpcinv.job.fingerprint import fingerprint

@@ -62,7 +62,7 @@ OWN = {
     "base/files/directory_lock.py: path": "locks, which are JSON",
     "base/files/directory_lock.py: self._path": "locks, which are JSON",
     "base/parallel/standard_output.py: os.devnull": "nothing",
-    "base/mesh_formats/partitioned_header.py: path": "just written, or admitted with its directory",
+    "base/mesh_formats/partitioned.py: path": "just written, or admitted with its directory",
     "mesh/io/gmsh_model.py: path": "just written",
     "geometry/imaging/shape_labels.py: scrap": "just written",
     "mesh/readers.py: scrap.name": "just written",

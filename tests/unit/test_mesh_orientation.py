@@ -9,8 +9,7 @@ import pytest
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.mesh.cells import no_cells, node_order, scalar_element
-from hpcinv.mesh.checks import determinants
-from hpcinv.mesh.orientation import consistently_oriented
+from hpcinv.mesh.checks import consistently_oriented, determinants
 from hpcinv.mesh.source import MeshSource
 
 

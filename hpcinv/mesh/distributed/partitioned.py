@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hpcinv.base.files.names import check_directory_of
-from hpcinv.base.mesh_formats.partitioned_header import HEADER, Header, describe_file, read_header
+from hpcinv.base.mesh_formats.partitioned import HEADER, Header, describe_file, read_header
 from hpcinv.base.parallel.adios import adios2
 from hpcinv.base.parallel.runtime import MPI, agree, on_root
 from hpcinv.base.reading.door import trusted

@@ -23,7 +23,7 @@ from hpcinv.base.quantity.arrays import Booleans
 from hpcinv.errors import MeshError
 from hpcinv.job.interfaces import Interface
 from hpcinv.mesh import Body
-from hpcinv.mesh.interface_sides import sides_of
+from hpcinv.mesh.regions import sides_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
@@ -89,7 +89,7 @@ class InterfaceForces:
         stress: float,
         obstacle: ObstacleSurface | None = None,
     ) -> None:
-        sides = sides_of(body, spec.between)
+        sides = sides_of(body.regions, spec.between)
         are_doubled, spec = sides != spec.between, spec.model_copy(update={"between": sides})
         self._obstacle = obstacle
         self.has_obstacle, self.depends_on_state = obstacle is not None, obstacle is not None and sign > 0

@@ -1,9 +1,13 @@
-"""Forms and expressions as kernels of DOLFINx that the interpreter runs; FFCx compiles what programs do not have."""
+"""Forms and expressions as kernels of DOLFINx that the interpreter runs; FFCx compiles what programs do not have.
+
+Only plugins have such terms: messages name their file and line.
+"""
 
 from __future__ import annotations
 
+import inspect
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +26,7 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.on_demand import on_demand
-from hpcinv.physics.points.ffcx_fallback import compiled_by_ffcx
+from hpcinv.physics.points.ffcx_fallback import compiled_by_ffcx, term_places
 from hpcinv.physics.points.interpreter import kernel_of
 from hpcinv.physics.points.program import EXPRESSION, Place, Program
 from hpcinv.physics.points.program_files import Programs, kept_programs
@@ -170,6 +174,32 @@ def missing_in_programs(item: Any) -> str:
     except Exception as error:  # UFL's errors have many types; whoever compiles the item reports it
         return f"{type(error).__name__}: {error}"
     return ""
+
+
+def noted[T](where: str, method: Callable[..., Any], term: T) -> T:
+    """Return a term; note its place if it is of a plugin, and has what programs do not have.
+
+    Args:
+        where: place of the law or effect in the job.
+        method: of the law or effect, which made the term.
+    """
+    owner = type(getattr(method, "__self__", None))
+    if term is None or owner.__module__.partition(".")[0] == "hpcinv":
+        return term
+    if missing := missing_in_programs(term):
+        is_inherited = method.__module__.partition(".")[0] == "hpcinv"
+        source: Any = owner if is_inherited else method
+        term_places[missing] = f"{where}: {inspect.getsourcefile(owner)}, line {_line_of(source, missing)}"
+    return term
+
+
+def _line_of(source: Any, missing: str) -> int:
+    """Return the line of a class or method that names what is missing, or its first one."""
+    lines, first = inspect.getsourcelines(source)
+    words = [word.lower() for word in missing.replace("'", " ").split() if word[:1].isupper()]
+    words += ["grad(grad(", "grad("] if "derivatives" in missing else []
+    found = (n for word in words for n, line in enumerate(lines) if word in line.replace("_", "").lower())
+    return first + next(found, 0)
 
 
 dolfinx.jit.ffcx_jit = _jit
