@@ -20,7 +20,9 @@ from hpcinv.on_demand import on_demand
 from hpcinv.output.surfaces.boundary_surface import Boundary
 from hpcinv.output.surfaces.gathering import boundary_of
 from hpcinv.output.surfaces.interior import Interior
+from hpcinv.output.surfaces.interior_gathering import interior_of
 from hpcinv.output.surfaces.picture import Colour, Picture
+from hpcinv.output.vtk import write_fields
 from hpcinv.results.solution import Solution
 from hpcinv.results.totals import Totals
 from hpcinv.solver.equations import Equations
@@ -198,8 +200,7 @@ class Result:
     def interior(self) -> Interior | None:
         """Gather the interior with the results on rank 0, ``None`` on others; collective."""
         labels = [where.partition(".")[2] for where in self.job.laws]
-        gathered: Interior | None = on_demand("interior of a result")(self.body, self.solutions, labels)
-        return gathered
+        return interior_of(self.body, self.solutions, labels)
 
     def write_fields(self, directory: Path) -> None:
         """Write fields for ParaView, on both bodies and in all states; collective.
@@ -214,8 +215,7 @@ class Result:
         spreads = self.surface_spread.fields() if self.surface_spread is not None else []
         checked = [self.certificate.point_fields(solution.state) for solution in solutions]
         field_lists = [[*(a or ()), *(b or ()), *(c or ())] for a, b, c in zip_longest(field_lists, spreads, checked)]
-        write = on_demand("files of fields")
-        write(directory, self.body, solutions, field_lists, families=self.job.fibres, estimate=self.estimate)
+        write_fields(directory, self.body, solutions, field_lists, families=self.job.fibres, estimate=self.estimate)
 
     def to_dict(self) -> dict[str, Any]:
         """Return a copy of the content of ``summary.json``, the same on every rank."""
