@@ -36,7 +36,7 @@ class CheckpointWriter(Observer):
         self._checkpoints, self._store, self._equations, self._warn = checkpoints, store, equations, warn
         self._settings, self._comm = equations.job.checkpoint, equations.body.mesh.comm
         self._finished: list[Solution] = []
-        self._direction: Direction | None = None
+        self._direction: Direction = equations.job.directions[0]
         self._steps, self._last = 0, time.monotonic()  # since the last checkpoint
         self._saved = None if restart is None else restart.position
 
@@ -78,7 +78,6 @@ class CheckpointWriter(Observer):
         return not least or bool(self._comm.bcast(time.monotonic() - self._last >= least))
 
     def _write(self, load: float, solves: Sequence[Solve]) -> None:
-        assert self._direction is not None  # it has begun
         slips = self._equations.slip_histories(self._direction, load)
         self._save(self._finished, load, solves, self._equations.state().fields, slips)
 

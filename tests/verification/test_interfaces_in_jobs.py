@@ -14,7 +14,11 @@ import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import Interrupted
 from hpcinv.job.job import Job
+from hpcinv.model.interfaces.pair import SurfacePair
+from hpcinv.model.outcome import Outcome
 from hpcinv.output.result import Result
+from hpcinv.solver.equilibrium import Equilibrium
+from hpcinv.solver.newton import Solve
 from hpcinv.solver.workspace import Workspace
 
 BOTH = ["bottom", "top"]
@@ -158,3 +162,28 @@ def test_a_body_on_an_interface_leans_on_a_rigid_wall() -> None:
     assert interface.force[2] > 0.02
     assert interface.tolerance is not None
     assert interface.penetration <= interface.tolerance
+
+
+def test_half_of_an_update_is_taken_back_after_a_solve_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first solve after an update of the multipliers is said to fail; the next one has half of the update."""
+    solve, halve, seen = Equilibrium.solve, SurfacePair.halve_update, list[np.ndarray]()
+
+    def failing(self: Equilibrium, *given: Any, **wanted: Any) -> Solve:
+        is_first = wanted.get("keeps", False) and not seen
+        return Solve(1.0, Outcome.DIVERGED, (), 0) if is_first else solve(self, *given, **wanted)
+
+    def seeing(self: SurfacePair) -> None:
+        seen.append(self.multipliers)
+        halve(self)
+        seen.append(self.multipliers)
+
+    monkeypatch.setattr(Equilibrium, "solve", failing)
+    monkeypatch.setattr(SurfacePair, "halve_update", seeing)
+    interface = {"between": BOTH, "kind": "contact", "friction": 0.3}
+    effects = [{"effect": "gravity", "acceleration": [0, 0, -0.2], "density": 1.0}]
+    given = GIVEN | {"solver": {"tolerance": 1e-12}, "effects": effects, "quantities": []}
+    result = hpcinv.run(job(**given, analysis="forward", interfaces=[interface]), MPI.COMM_SELF)
+    whole, half = seen
+    assert np.abs(whole).max() > 0.01
+    assert half == pytest.approx(whole / 2, abs=1e-15)  # there were none before
+    assert result.solutions[0].contacts[0].largest_pressure > 0.01

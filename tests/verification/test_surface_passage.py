@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from helpers.verification import job
 import hpcinv
 from hpcinv.base.parallel.runtime import MPI
 from hpcinv.errors import SolveError
-from hpcinv.model.interfaces.facets import FacetKind, Facets
-from hpcinv.model.interfaces.surface_passage import _passes
+from hpcinv.mesh import Body
+from hpcinv.model.interfaces.facets import FacetKind, Facets, RegionFacets
+from hpcinv.model.interfaces.one_body import OneBody
+from hpcinv.model.interfaces.surface_passage import SurfacePassage, _passes
+from hpcinv.model.spaces import Unknowns
 
 BESIDE = """
 def build(gmsh):
@@ -54,6 +59,26 @@ def test_ways_through_a_triangle(
 ) -> None:
     before, after = (np.array([[place]]) for place in (start, end))
     assert _passes(before, after, triangle(facet[0]), triangle(facet[1]), 0.1) is passes
+
+
+def test_facets_of_one_body_that_may_not_meet_are_passed() -> None:
+    """Rules of both ways name facets by their numbers on all ranks, those of the first surface first."""
+    asked = list[tuple[list[int], list[int]]]()
+
+    def may_meet(i: Any, j: Any) -> Any:
+        asked.append((list(i), list(j)))
+        return np.zeros(len(i), dtype=bool)
+
+    one_body = cast(OneBody, SimpleNamespace(radius=0.01, starts=(3, 5), may_meet=may_meet))
+    surfaces = cast(tuple[RegionFacets, RegionFacets], (None, None))
+    body = cast(Body, SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF), length=1.0))
+    passage = SurfacePassage(surfaces, body, cast(Unknowns, None), one_body)
+    assert passage._depth == 0.01
+    assert SurfacePassage(surfaces, body, cast(Unknowns, None))._depth == 2.0**-6
+    start, end = (np.array([[[0.2, 0.2, z]]]) for z in (1.0, -1.0))
+    for rule in passage._rules:
+        assert not _passes(start, end, triangle(0.0), triangle(0.0), 0.1, rule)
+    assert asked == [([3], [0]), ([0], [5])]
 
 
 def test_one_step_does_not_carry_a_body_through_another(tmp_path: Path) -> None:

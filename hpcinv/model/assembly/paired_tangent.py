@@ -10,10 +10,10 @@ from typing import Any
 from dolfinx import fem
 from petsc4py import PETSc
 
+from hpcinv.model.interfaces.entries import DIFFERENT_PATTERN
 from hpcinv.model.interfaces.pair import SurfacePair
 
 _SUBSET: Any = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN  # its stub has the wrong type
-_DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 class PairedTangent:
@@ -53,7 +53,7 @@ class PairedTangent:
         self.matrix.assemble()
         self.matrix.zeroEntries()
         versions = tuple(pair.version for pair in self._pairs)
-        structure = _SUBSET if versions == self._versions else _DIFFERENT
+        structure = _SUBSET if versions == self._versions else DIFFERENT_PATTERN
         self.pattern += versions != self._versions
         self._versions = versions
         self.matrix.axpy(1.0, self._own, structure)

@@ -9,6 +9,8 @@ from petsc4py import PETSc
 
 from hpcinv.mesh.source import Floats, Ints
 
+DIFFERENT_PATTERN: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
+
 type Size = tuple[int, int]
 """local and global number of rows or columns; one of them may be PETSc's to decide"""
 

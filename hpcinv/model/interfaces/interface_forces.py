@@ -14,8 +14,6 @@ Source: Puso & Laursen (2004), doi:10.1016/j.cma.2004.06.001; Simo & Laursen (19
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -26,6 +24,7 @@ from hpcinv.mesh import Body
 from hpcinv.mesh.regions import sides_of
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.model.interfaces.accelerated import AcceleratedUpdates
+from hpcinv.model.interfaces.entries import DIFFERENT_PATTERN
 from hpcinv.model.interfaces.facets import Facets, RegionFacets, gathered
 from hpcinv.model.interfaces.friction import frictions_of
 from hpcinv.model.interfaces.given_pressures import given_pressures
@@ -43,7 +42,6 @@ from hpcinv.model.obstacle_surface import ObstacleSurface
 from hpcinv.model.spaces import Unknowns
 from hpcinv.physics.effects.contact import Contact
 
-_DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
 _ROUNDED = 2.0**-26
 """Overlap up to which the pressure of contact is rounded, in lengths of the body. Lowered, nodes that barely touch go
 in and out of contact; raised, bodies that only touch press on each other."""
@@ -264,8 +262,8 @@ class InterfaceForces:
 
     def update_obstacle(self, effect: Contact) -> None:
         """Take the numbers of another contact of the same reuse group."""
-        assert self._obstacle is not None
-        self._obstacle.effect = effect
+        if self._obstacle is not None:
+            self._obstacle.effect = effect
         names = ("rest_gap", "touches_within", "known", "pressure")
         self.spec = self.spec.model_copy(update={name: getattr(effect, name) for name in names})
 
@@ -371,12 +369,12 @@ class InterfaceForces:
         gaps.scale(-1.0)
         for friction in self._frictions:
             sheared = friction.stiffness(friction.tractions(self._u, tractions), gaps, free)
-            product.axpy(1.0, sheared, _DIFFERENT)
+            product.axpy(1.0, sheared, DIFFERENT_PATTERN)
             sheared.destroy()
         forces.destroy()
         gaps.destroy()
         if pressed is not None and self._sign > 0:
             turning = pressed.turning(tractions, self._first_points(), free)
-            product.axpy(-1.0, turning, _DIFFERENT)
+            product.axpy(-1.0, turning, DIFFERENT_PATTERN)
             turning.destroy()
         return product

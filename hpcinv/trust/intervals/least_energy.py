@@ -7,7 +7,7 @@ solves a quadratic program: the energy has the slopes of the present body, and t
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from hpcinv.solver.newton import CoarseSolve
 from hpcinv.solver.observer import SolvedDirection
 from hpcinv.trust.intervals.pressed_bodies import Pressed, PressedBodies
 from hpcinv.trust.intervals.quadratic_program import solve_quadratic
+from hpcinv.trust.intervals.stored_energy import StoredEnergy
 
 _MOST = 20
 """Steps of the search; bodies of rubber take 3 to 6. Raised, searches that do not settle take longer."""
@@ -74,15 +75,13 @@ def _least(bodies: PressedBodies, length: float, control: StepControl) -> Presse
     """Return the body of least energy; collective."""
     body, share = bodies.at_start, 1.0
     for count in range(_MOST):
-        assert body.energy is not None
-        change = _change(bodies, body)
-        model = body.energy.slopes @ change + change @ body.energy.curvature @ change / 2
-        control.note(f"step {count + 1}: energy {body.energy.value:.6g} in scaled units, promised change {model:.2e}")
-        if -model <= _SETTLED * body.energy.value and body.near.depth <= _DEPTH * length:
+        change, energy = _change(bodies, body), _energy(body)
+        model = energy.slopes @ change + change @ energy.curvature @ change / 2
+        control.note(f"step {count + 1}: energy {energy.value:.6g} in scaled units, promised change {model:.2e}")
+        if -model <= _SETTLED * energy.value and body.near.depth <= _DEPTH * length:
             return body
         following = bodies.solved(body.near.values + share * change)
-        assert following.energy is not None
-        is_better = following.energy.value < body.energy.value or following.near.depth < body.near.depth
+        is_better = _energy(following).value < energy.value or following.near.depth < body.near.depth
         is_better |= count == 0  # tractions of the other closure need not be within the friction cone
         share = 1.0 if is_better else share / 2
         body = following if is_better else body
@@ -91,12 +90,16 @@ def _least(bodies: PressedBodies, length: float, control: StepControl) -> Presse
     )
 
 
+def _energy(body: Pressed) -> StoredEnergy:
+    """Return the energy of a body of this search, all of which have it."""
+    return cast(StoredEnergy, body.energy)
+
+
 def _change(bodies: PressedBodies, body: Pressed) -> Floats:
     """Return the change of the tractions to the least energy near a body; found on one rank."""
     found: Any = None
     if bodies.comm.rank == 0:
-        near, energy = body.near, body.energy
-        assert energy is not None
+        near, energy = body.near, _energy(body)
         rows, limits = near.rows(near.values)
         found = solve_quadratic(energy.curvature, energy.slopes, (rows, limits), near.balance)
     found = bodies.comm.bcast(found)

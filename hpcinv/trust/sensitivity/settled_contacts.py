@@ -12,15 +12,13 @@ Source: Michaleris, Tortorelli & Vidal (1994), doi:10.1002/nme.1620371408.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.errors import SolveError
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.model.interfaces.entries import matrix_of_entries
+from hpcinv.model.interfaces.entries import DIFFERENT_PATTERN, matrix_of_entries
 from hpcinv.model.interfaces.settled_rates import Rates, settled_rates
 from hpcinv.results.solution import Solution
 from hpcinv.solver.equations import Equations
@@ -29,7 +27,6 @@ from hpcinv.trust.sensitivity.followed_numbers import FollowedNumbers
 
 _ENOUGH = 1e-9
 """Residual over the right-hand side above which the matrix is singular; raised, gradients are inaccurate."""
-_DIFFERENT: Any = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN  # its stub has the wrong type
 
 
 class SettledContacts(FollowedNumbers):
@@ -63,7 +60,7 @@ class SettledContacts(FollowedNumbers):
         masked = self._contact.copy()
         masked.diagonalScale(self._free, self._free)
         self._whole = self._matrix(*_entries(body, self._first))
-        self._whole.axpy(1.0, masked, _DIFFERENT)
+        self._whole.axpy(1.0, masked, DIFFERENT_PATTERN)
         masked.destroy()
         body.destroy()
         self._ksp = self._factorized()
@@ -79,7 +76,7 @@ class SettledContacts(FollowedNumbers):
         self._equations.supports.free(free.array)
         for pair in self._pairs:
             stiffness = pair.stiffness(free)
-            matrix.axpy(-1.0, stiffness, _DIFFERENT)
+            matrix.axpy(-1.0, stiffness, DIFFERENT_PATTERN)
             stiffness.destroy()
         free.destroy()
         return matrix
