@@ -189,7 +189,10 @@ def _of_surfaces(are: str, need: str) -> dict[str, str]:
     """Return the reasons of interfaces, and of obstacles that take the part of one."""
     return {
         "partitioned": f"{are} not possible with a partitioned mesh: use its original file",
-        "surface error": f"{are} not possible with 'surface_error', which needs derivatives",
+        "surface error": (
+            f"{are} not possible with 'surface_error': its derivatives by the given nodes would move the facets that"
+            " are searched for"
+        ),
         "states": f"{are} not possible with 'states': give an 'analysis'",
         "unknown pressures": f"{are} {_PRESSURE.removeprefix('is ')}",
         "remote loads": f"{are} {_REMOTE.removeprefix('is ')}",
@@ -198,7 +201,9 @@ def _of_surfaces(are: str, need: str) -> dict[str, str]:
         "fixed point": f"{need} {_DIRECT.removeprefix('needs ')}",
         "iterative": f"{are} too stiff for 'linear: iterative': leave it out",
         "accuracy": f"{are} not possible with 'accuracy', whose estimate does not see contact: choose the mesh",
-        "identify": f"{are} not possible with 'identify', which needs derivatives",
+        "identify": (
+            f"{are} not possible with 'identify': derivatives hold the set of nodes in contact, which steps change"
+        ),
     }
 
 

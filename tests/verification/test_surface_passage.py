@@ -62,7 +62,7 @@ def test_ways_through_a_triangle(
 
 
 def test_facets_of_one_body_that_may_not_meet_are_passed() -> None:
-    """Rules of both ways name facets by their numbers on all ranks, those of the first surface first."""
+    """Rules of both ways name facets by their numbers on all ranks, first the facets of the first surface."""
     asked = list[tuple[list[int], list[int]]]()
 
     def may_meet(i: Any, j: Any) -> Any:
