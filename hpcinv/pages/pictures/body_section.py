@@ -82,7 +82,8 @@ class Cut:
         low, high = float(shape.points[:, k].min()), float(shape.points[:, k].max())
         place = (low + high) / 2 + _BESIDE * (high - low) if self.place is None else self.place
         if not low < place < high:
-            extent = " to ".join(readable(end, "m") for end in (low, high))
+            rounding = 1e-9 * (high - low)
+            extent = " to ".join(readable(end if abs(end) > rounding else 0.0, "m") for end in (low, high))
             raise OutputError(f"the section {self.axis} = {readable(place, 'm')} misses a body from {extent}")
         points, normal = result.mesh if shape.is_mesh else result.others, np.eye(3)[k]
         section = cut_tetrahedra(points, self.interior.tetrahedra, normal, place)
