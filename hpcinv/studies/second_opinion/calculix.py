@@ -6,15 +6,11 @@ import re
 import subprocess
 from pathlib import Path
 
-import numpy as np
-
 from hpcinv.mesh.source import Floats, Ints
-from hpcinv.studies.second_opinion.program_run import Block, displacements_of, installed, run_within
+from hpcinv.studies.second_opinion.program_run import Block, displacements_of, installed, number, run_within
 
 PROGRAM = "CalculiX"
 COMMANDS = ("ccx", "ccx_2.21", "ccx_2.20", "ccx_2.19")
-_EXPONENT = re.compile(r"(\d)([-+]\d{3})$")
-"""of three digits, before which Fortran writes no letter"""
 
 
 def command(given: str | None) -> str:
@@ -57,14 +53,6 @@ def displacements(program: str, deck: Path, tags: Ints, limit: float, memory: in
     return displacements_of(PROGRAM, _last_block(results), tags, log)
 
 
-def _number(word: str) -> float:
-    """Return a number as Fortran writes it; NaN for what is none, such as asterisks for one that does not fit."""
-    try:
-        return float(_EXPONENT.sub(r"\1E\2", word))
-    except ValueError:
-        return np.nan
-
-
 def _last_block(path: Path) -> Block | None:
     """Return time and rows of the last displacements in a ``.dat`` file; ``None`` without any."""
     if not path.is_file():
@@ -77,5 +65,5 @@ def _last_block(path: Path) -> Block | None:
     for line in lines:
         words = line.split()
         if len(words) == 4:
-            block.append([_number(word) for word in words])
+            block.append([number(word) for word in words])
     return Block(float(found[1]) if found else 0.0, block)

@@ -8,11 +8,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-
 from hpcinv.mesh.source import Floats, Ints
 from hpcinv.studies.second_opinion.febio_model import displacement_path
-from hpcinv.studies.second_opinion.program_run import Block, displacements_of, installed, run_within
+from hpcinv.studies.second_opinion.program_run import Block, displacements_of, installed, number, run_within
 
 PROGRAM = "FEBio"
 COMMANDS = ("febio4", "febio")
@@ -66,12 +64,4 @@ def _last_block(path: Path) -> Block | None:
         return None
     head, *lines = last.splitlines()
     rows = [line.split(",") for line in lines if line.count(",") == 3]
-    return Block(_number(head.strip(" =")), [[_number(word) for word in row] for row in rows])
-
-
-def _number(word: str) -> float:
-    """Return a number; NaN for what is none."""
-    try:
-        return float(word)
-    except ValueError:
-        return np.nan
+    return Block(number(head.strip(" =")), [[number(word) for word in row] for row in rows])

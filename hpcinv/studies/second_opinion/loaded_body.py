@@ -123,7 +123,7 @@ type Ability = Literal["slides", "remote", "shell", "vertices", "fibre fields"]
 
 
 def loaded_body(
-    run: Path, writers: Writers | None = None, abilities: Collection[Ability] = (), state: str | None = None
+    run: Path, writers: Writers | None = None, abilities: Collection[Ability] = (), state: str = ""
 ) -> LoadedBody:
     """Return the body of a finished run.
 
@@ -138,8 +138,8 @@ def loaded_body(
     """
     doubt = unchecked(run)
     job = RunDirectory(run).job(None)
-    _refuse(run, _kinds_without_deck(job, abilities, has_states=state is not None))
-    job, rest, loaded, given = shapes_of(run, job, state or "")
+    _refuse(run, _kinds_without_deck(job, abilities))
+    job, rest, loaded, given = shapes_of(run, job, state)
     _refuse(run, unwritten_of_other_states(job, is_given=given is rest or given is loaded))
     if rest.degree < job.discretisation.displacement or max(left_out(run, rest), left_out(run, loaded)) > 0:
         raise OutputError(
@@ -182,10 +182,8 @@ def _refuse(run: Path, faults: Iterable[str]) -> None:
         raise OutputError(f"{run}: a deck cannot say:\n{text}", "Solve a job without it, and export that.")
 
 
-def _kinds_without_deck(job: Job, abilities: Collection[Ability], *, has_states: bool) -> Iterator[str]:
+def _kinds_without_deck(job: Job, abilities: Collection[Ability]) -> Iterator[str]:
     """Yield what is not written for any program yet, and kinds of bodies that a program lacks."""
-    if job.states and not has_states:
-        yield "states: a deck has one state"
     kind = job.mesh.kind.name
     if kind in (SOLID.name, *abilities):
         yield from unwritten_of_shells(job)

@@ -17,6 +17,7 @@ from hpcinv.studies.second_opinion.loaded_body import loaded_body
 from hpcinv.studies.second_opinion.program_run import NoOpinion
 from hpcinv.studies.second_opinion.programs import PROGRAMS
 from hpcinv.studies.second_opinion.same_elements import equilibrium_of, with_elements
+from hpcinv.studies.second_opinion.state_shapes import job_of_state
 from hpcinv.trust.certificate import Line, Topic, Verdict
 from hpcinv.trust.certificate.check import with_line
 
@@ -137,10 +138,12 @@ def second_opinion(
     expected = body.displacement[deck.nodes]
     distances = np.linalg.norm(theirs - expected, axis=1)
     worst = int(distances.argmax())
-    job = RunDirectory(run).job(None)
+    job = job_of_state(run, RunDirectory(run).job(None))
+    if job.state:
+        body.notes.append(f"the loaded body is the state '{job.state}'")
     places = body.rest.points.copy()
     places[deck.nodes] += theirs
-    ours, reason = with_elements(run, job, body, program, deck.element, places)
+    ours, reason = with_elements(job, body, program, deck.element, places)
     opinion = Opinion(
         f"{program.name} {program.version(executable, path)}".strip(),
         deck.element,

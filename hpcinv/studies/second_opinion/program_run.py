@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -16,6 +17,8 @@ from hpcinv.errors import HpcinvError
 from hpcinv.mesh.source import Floats, Ints
 
 _LAST_LINES = 3
+_EXPONENT = re.compile(r"(\d)([-+]\d{3})$")
+"""of three digits, before which Fortran writes no letter"""
 
 
 class NoOpinion(HpcinvError):
@@ -74,6 +77,14 @@ def run_within(program: str, arguments: Sequence[str], log: Path, limit: float, 
             if isinstance(error, subprocess.TimeoutExpired):
                 raise stopped(program, f"was stopped after {limit:g} s", log) from None
             raise
+
+
+def number(word: str) -> float:
+    """Return a number as C or Fortran writes it; NaN for what is none, such as asterisks for one that does not fit."""
+    try:
+        return float(_EXPONENT.sub(r"\1E\2", word))
+    except ValueError:
+        return np.nan
 
 
 def displacements_of(program: str, last: Block | None, tags: Ints, log: Path) -> Floats:

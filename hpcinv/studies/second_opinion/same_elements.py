@@ -28,7 +28,7 @@ _ON_GIVEN_BODY = ("first", "quantities", "expected_shape", "regions")
 
 
 def with_elements(
-    run: Path, job: Job, body: LoadedBody, program: Program, element: str, theirs: Floats
+    job: Job, body: LoadedBody, program: Program, element: str, theirs: Floats
 ) -> tuple[Floats | None, str]:
     """Return the places (n, 3), m, of the rest shape under load with an element of a program, or why not.
 
@@ -40,7 +40,7 @@ def with_elements(
     if reason := _unlike(job, body, program, element):
         return None, reason
     if element not in _OF_20_NODES and not job.is_mixed:
-        return read_shape(run, DEFORMED).points, ""
+        return body.loaded, ""
     if reason := _not_comparable(job, body, element):
         return None, reason
     try:
@@ -91,13 +91,22 @@ def _forward_job(job: Job, body: LoadedBody, *, slides: bool) -> Iterator[tuple[
         file = Path(directory) / "rest.msh"
         save(file, body.rest, body.rest.points)
         mesh = {"file": str(file), "geometry_degree": degree}
-        kept = {key: value for key, value in job.data.items() if key not in _ON_GIVEN_BODY}
+        kept = {key: value for key, value in _data(job).items() if key not in _ON_GIVEN_BODY}
         if body.remotes:
             kept["supports"] = list(_with_points_at_rest(kept["supports"], body))
         if body.slides and not slides:
             kept["supports"] = list(_without_slides(kept["supports"], {slide.place for slide in body.slides}))
         points = {name: {"vertices": body.rest.points[rows].tolist()} for name, rows in body.vertices.items()}
         yield load({**kept, **changes, "mesh": mesh, "regions": points}, directory=job.resolve("")), Path(directory)
+
+
+def _data(job: Job) -> Mapping[str, Any]:
+    """Return what was written for a job, of a state with its loads and supports instead of all states'."""
+    if not job.state:
+        return job.data
+    [own] = [state for state in job.data["states"] if state["name"] == job.state]
+    state = {key: own[key] for key in ("effects", "supports") if key in own}
+    return {key: value for key, value in job.data.items() if key != "states"} | state
 
 
 def _with_points_at_rest(supports: Sequence[Mapping[str, Any]], body: LoadedBody) -> Iterator[Mapping[str, Any]]:

@@ -24,17 +24,28 @@ def shapes_of(run: Path, job: Job, state: str) -> tuple[Job, MeshSource, MeshSou
     if not job.states:
         loaded = read_shape(run, DEFORMED)
         return job, rest, loaded, loaded if job.directions[0] == "inverse" else rest
+    own, given_name = job_of_state(run, job, state), _given_state(job)
+    loaded = read_shape(run, own.state)
+    if all(solve.job.state != given_name for solve in job.plan):
+        return own, rest, loaded, rest
+    return own, rest, loaded, loaded if own.state == given_name else read_shape(run, given_name)
+
+
+def job_of_state(run: Path, job: Job, state: str = "") -> Job:
+    """Return the job of a state by itself; arguments and errors as of `shapes_of`."""
+    if not job.states:
+        return job
     jobs = {solve.job.state: solve.job for solve in job.plan}
-    [given_name] = [own.name for own in job.states if own.given]
-    name = state or (given_name if given_name in jobs else next(iter(jobs)))
+    name = state or (given if (given := _given_state(job)) in jobs else next(iter(jobs)))
     if name not in jobs:
         raise OutputError(
             f"--shape {name}: is not a loaded state of {run}", f"Its loaded states are {', '.join(jobs)}."
         )
-    loaded = read_shape(run, name)
-    if given_name not in jobs:
-        return jobs[name], rest, loaded, rest
-    return jobs[name], rest, loaded, loaded if name == given_name else read_shape(run, given_name)
+    return jobs[name]
+
+
+def _given_state(job: Job) -> str:
+    return next(own.name for own in job.states if own.given)
 
 
 def unwritten_of_other_states(job: Job, *, is_given: bool) -> Iterator[str]:
