@@ -1,7 +1,8 @@
-"""Supports and loads of FEBio's models: on whole parts, and with options that are not read."""
+"""FEBio's models: supports and loads on whole parts, options that are not read, directions of elements."""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ import pytest
 import yaml
 
 from hpcinv.__main__ import main
+from hpcinv.base.reading.fault import Fault
+from hpcinv.base.reading.feb_data import directions_in
 from hpcinv.formats.cards.febio_deck import read_deck
 from hpcinv.job.job import load
 
@@ -119,3 +122,36 @@ def test_forces_and_moments_on_rigid_nodes_are_a_remote_load() -> None:
     deck = read_deck(RIGID.format(more="<load_type>FOLLOW</load_type>"), {})
     assert not deck.remotes
     assert deck.unused[:1] == ["<bc type='rigid'> on top"]
+
+
+def vectors(entries: str) -> dict[str, Any]:
+    """Directions of three elements; a set has the first two."""
+    root = ET.fromstring(
+        f"<febio_spec><MeshData><ElementData name='fibres' elem_set='part' data_type='vec3'>{entries}"
+        "</ElementData><ElementData name='other' elem_set='unknown' data_type='vec3'><e lid='1'>1,0,0</e>"
+        "</ElementData></MeshData></febio_spec>"
+    )
+    return directions_in(root, {"part": [5, 7]}, [7, 5, 9])
+
+
+def test_directions_of_elements_are_the_means_of_their_nodes() -> None:
+    """Elements are numbered within their set; the one that is not in it has no direction."""
+    found = vectors("<e lid='2'>0,2,0</e><e lid='1'>1 0 0  0,0,1</e>")
+    assert list(found) == ["fibres"]
+    assert found["fibres"].tolist() == [[0, 2, 0], [0.5, 0, 0.5], [0, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("<e lid='3'>1,0,0</e>", "lid='3', not 1 to 2"),
+        ("<e>1,0,0</e>", "lid='', not 1 to 2"),
+        ("<e lid='1'>1,0</e>", "not three numbers"),
+        ("<e lid='1'>1,0,nan</e>", "not three numbers"),
+        ("<e lid='1'>a,b,c</e>", "not three numbers"),
+        ("<e lid='1'/>", "not three numbers"),
+    ],
+)
+def test_damaged_directions_are_refused(entry: str, message: str) -> None:
+    with pytest.raises(Fault, match=f"data 'fibres' have .*{message}"):
+        vectors(entry)
