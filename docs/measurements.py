@@ -82,7 +82,7 @@ def main() -> None:
         if done.returncode:
             sys.exit(f"{command} fails")
         PRINTED.mkdir(parents=True, exist_ok=True)
-        (PRINTED / f"{name}.txt").write_text(heading(command, note) + done.stdout.strip() + "\n")
+        (PRINTED / f"{name}.txt").write_text(heading(command, note) + done.stdout.strip("\n") + "\n")
 
 
 if __name__ == "__main__":
