@@ -43,6 +43,7 @@ class SmallSystem:
         passages = SimpleNamespace(has_passed=lambda: False, depart=lambda: None)
         self.weak_form = SimpleNamespace(
             passages=passages,
+            contacts=SimpleNamespace(depends_on_path=False),
             kinematics=SimpleNamespace(direction="inverse"),
             unknowns=SimpleNamespace(size=size),
             nominal_displacement=lambda: (0.0,),

@@ -247,16 +247,16 @@ def test_a_study_killed_at_random_moments_repeats_no_committed_run(place: Path) 
 
 def test_two_allocations_share_a_study_and_both_show_the_same_table(place: Path) -> None:
     command = ("study", "long.yaml", "--output", "shared")
-    with Started(1, *command, cwd=place) as first, Started(1, *command, cwd=place) as other:
-        while not list(place.glob("shared/store/ledger/log/[!.]*")):
+    with Started(1, *command, cwd=place) as first:
+        while not list(place.glob("shared/store/ledger/log/[!.]*")):  # it has claimed a case
             assert first.mpirun.poll() is None, first.text
             time.sleep(0.01)
         first.send(signal.SIGSTOP, first.ranks())  # so that it is not done before the other begins
-        other.wait_for("results in shared")
-        time.sleep(1.0)
-        first.send(signal.SIGCONT, first.ranks())
-        assert first.exit_code() == 0, first.text
-        assert other.exit_code() == 0, other.text
+        with Started(1, *command, cwd=place) as other:
+            other.wait_for("\n[")
+            first.send(signal.SIGCONT, first.ranks())
+            assert first.exit_code() == 0, first.text
+            assert other.exit_code() == 0, other.text
     texts = first.text, other.text
     executed = [re.findall(r"^\[\d+/\d+\] (.*): .* s", text, re.MULTILINE) for text in texts]
     assert all(executed), "each of them has had a share"

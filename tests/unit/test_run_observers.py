@@ -69,7 +69,7 @@ def writer(
 
     store: Any = SimpleNamespace(check_in_place=lambda: None, check_in_place_on_this_rank=check_in_place)
     model: Any = SimpleNamespace(
-        job=SimpleNamespace(checkpoint=SimpleNamespace(every=every, seconds=seconds)),
+        job=SimpleNamespace(checkpoint=SimpleNamespace(every=every, seconds=seconds), directions=("inverse",)),
         body=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
         timings=lambda phase: nullcontext(),
         state=lambda: SimpleNamespace(fields=("u", None)),
