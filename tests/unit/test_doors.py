@@ -100,8 +100,6 @@ OWN = {
     "base/reading/isolated_reader.py: Path('/proc/self/statm')": "of the system",
     "base/reading/isolated_reader.py: os.devnull": "nothing",
     "pages/reports/page.py: files('hpcinv.pages.reports').joinpath('static', name)": "part of the package",
-    "solver/linear/factorization.py: PETSc.__file__": "of the installation",
-    "solver/linear/symbolic_analysis.py: PETSc.__file__": "of the installation",
     "studies/study/directory.py: path / _MARK": "records, which are JSON, in a directory that an argument names",
     "studies/second_opinion/calculix.py: path": "just written by CalculiX",
     "studies/second_opinion/febio.py: log": "just written by FEBio",

@@ -32,12 +32,13 @@ def solve(ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
 
 def _succeeds(name: str, *objects: PETSc.Object) -> bool:
     """Call a function of PETSc; return whether it succeeds. petsc4py repeats a failed call, and raises its error."""
+    if (function := petsc_function(name)) is None:
+        return False
     collects = gc.isenabled()
     try:
-        function = getattr(_library(), name)
         gc.disable()
         return bool(function(*(ctypes.c_void_p(one.handle) for one in objects)) == 0)
-    except (OSError, AttributeError, SystemError):  # no such library, or an exception within a function in Python
+    except SystemError:  # an exception within a function in Python
         return False
     finally:
         if collects:
@@ -45,8 +46,12 @@ def _succeeds(name: str, *objects: PETSc.Object) -> bool:
 
 
 @cache
-def _library() -> ctypes.CDLL:
-    return ctypes.CDLL(PETSc.__file__)
+def petsc_function(name: str) -> Any:
+    """Return a function of PETSc, also one that petsc4py does not have; ``None`` if PETSc has none of this name."""
+    try:
+        return getattr(ctypes.CDLL(PETSc.__file__), name, None)
+    except OSError:
+        return None
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:

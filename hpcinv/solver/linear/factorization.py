@@ -7,13 +7,13 @@ two products with a random vector, whose cost is negligible against a factorizat
 import ctypes
 import math
 from collections.abc import Mapping
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 from petsc4py import PETSc
 
 from hpcinv.base.parallel.left_for_run import available
+from hpcinv.base.parallel.petsc_calls import petsc_function
 from hpcinv.base.parallel.petsc_vectors import norm
 from hpcinv.model.outcome import Outcome
 from hpcinv.model.spaces import Unknowns
@@ -172,16 +172,10 @@ def order_by_nodes(factors: PETSc.Mat, unknowns: Unknowns) -> None:
     PETSc does that itself where there are no pressures: by the block size of the matrix. One without
     ``MatMumpsSetBlk`` orders the unknowns of the mixed form.
     """
-    if unknowns.p is None or (function := _petsc_function()) is None or factors.getMumpsIcntl(15):
+    if unknowns.p is None or (function := petsc_function("MatMumpsSetBlk")) is None or factors.getMumpsIcntl(15):
         return
     variables, starts = (np.ascontiguousarray(numbers + 1, dtype=PETSc.IntType) for numbers in unknowns.nodes)
     integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
     arrays = (ctypes.c_void_p(numbers.ctypes.data) for numbers in (variables, starts))
     if error := function(ctypes.c_void_p(factors.handle), integer(len(starts) - 1), *arrays):
         raise PETSc.Error(error)
-
-
-@cache
-def _petsc_function() -> Any:
-    """PETSc's function, which petsc4py does not have."""
-    return getattr(ctypes.CDLL(PETSc.__file__), "MatMumpsSetBlk", None)

@@ -6,13 +6,13 @@ Operations, which are cubes of them, grow with (N/n)².
 """
 
 import ctypes
-from functools import cache
 from typing import Any
 
 import numpy as np
 from dolfinx.mesh import Mesh
 from petsc4py import PETSc
 
+from hpcinv.base.parallel.petsc_calls import petsc_function
 from hpcinv.model.spaces import Unknowns
 
 _ORDERING = 7  # ICNTL
@@ -32,7 +32,7 @@ def operations_of(unknowns: Unknowns, ordering: int) -> float | None:
 
 
 def _scalar_operations(mesh: Mesh, ordering: int) -> float | None:
-    function = _petsc_function()
+    function = petsc_function("MatLUFactorSymbolic")
     if function is None:
         return None
     graph = _vertex_graph(mesh)
@@ -72,9 +72,3 @@ def _vertex_graph(mesh: Mesh) -> PETSc.Mat:
     graph.setPreallocationCOO(rows, columns)
     graph.assemble()
     return graph
-
-
-@cache
-def _petsc_function() -> "ctypes._NamedFuncPointer | None":
-    """PETSc's function, which petsc4py does not have."""
-    return getattr(ctypes.CDLL(PETSc.__file__), "MatLUFactorSymbolic", None)

@@ -119,7 +119,7 @@ def test_a_petsc_without_our_ordering_orders_unknowns_itself(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that lacks the function."""
-    monkeypatch.setattr(factorization, "_petsc_function", lambda: None)
+    monkeypatch.setattr(factorization, "petsc_function", lambda name: None)
     model = model_of(MIXED, comm)
     equilibrium = model.equilibrium(model.weak_form("forward"))
     equilibrium.correct(1.0)
