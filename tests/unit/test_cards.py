@@ -38,6 +38,13 @@ def eight_chains(mu: float, limit: float) -> Callable[[State], Any]:
     return lambda s: mu * sum(c / limit ** (2 * i) * (s.I1_bar ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(SERIES))
 
 
+def second_order(s: State) -> Any:
+    """A polynomial of the second order."""
+    first, second, growth = s.I1_bar - 3, s.I2_bar - 3, s.J - 1
+    quadratic = 0.01 * first**2 + 0.02 * first * second + 0.03 * second**2
+    return 0.3 * first + 0.2 * second + quadratic + growth**2 / D + growth**4 / 0.5
+
+
 def dispersed(s: State, mu: float, k1: float, k2: float, kappa: float, directions: Any) -> Any:
     """Ground substance and fibres of Gasser, Ogden & Holzapfel, with isochoric invariants."""
     strains = [kappa * (s.I1_bar - 3) + (1 - 3 * kappa) * (s.I4(a) * s.J ** (-mp.mpf(2) / 3) - 1) for a in directions]
@@ -106,15 +113,7 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
     "abaqus polynomial": (
         abaqus,
         f"*HYPERELASTIC, POLYNOMIAL, N=2\n0.3, 0.2, 0.01, 0.02, 0.03, {D}, 0.5",
-        lambda s: (
-            0.3 * (s.I1_bar - 3)
-            + 0.2 * (s.I2_bar - 3)
-            + 0.01 * (s.I1_bar - 3) ** 2
-            + 0.02 * (s.I1_bar - 3) * (s.I2_bar - 3)
-            + 0.03 * (s.I2_bar - 3) ** 2
-            + (s.J - 1) ** 2 / D
-            + (s.J - 1) ** 4 / 0.5
-        ),
+        second_order,
     ),
     "abaqus ogden": (
         abaqus,
@@ -162,15 +161,7 @@ CASES: dict[str, tuple[ModuleType, str, Callable[[State], Any]]] = {
     "ansys poly": (
         ansys,
         f"TB,HYPER,1,,2,POLY\nTBDATA,1,0.3,0.2,0.01,0.02,0.03,{D}\nTBDATA,7,0.5",
-        lambda s: (
-            0.3 * (s.I1_bar - 3)
-            + 0.2 * (s.I2_bar - 3)
-            + 0.01 * (s.I1_bar - 3) ** 2
-            + 0.02 * (s.I1_bar - 3) * (s.I2_bar - 3)
-            + 0.03 * (s.I2_bar - 3) ** 2
-            + (s.J - 1) ** 2 / D
-            + (s.J - 1) ** 4 / 0.5
-        ),
+        second_order,
     ),
     "ansys ogden": (
         ansys,

@@ -17,6 +17,7 @@ from hpcinv.mesh import build_body
 from hpcinv.model.assembly.system import System
 from hpcinv.model.rigid_motions import Frame
 from hpcinv.solver.equations import Equations
+from hpcinv.solver.linear import degree_levels
 from hpcinv.solver.linear.degree_levels import DegreeLevels
 from hpcinv.solver.linear.selection import Choice
 from hpcinv.solver.linear_solver import LinearSolver
@@ -101,6 +102,23 @@ def test_incompressible_cubes_need_less_than_twice_the_iterations_of_compressibl
     )
     print(f"{compressible} iterations compressible, {incompressible} incompressible")
     assert incompressible < 2 * compressible  # 13 and 8; 17 by the diagonal of the pressures' mass matrix
+
+
+def test_a_coarse_level_that_is_too_large_for_factors_takes_multigrid(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cube = {"mesh": box((3, 3, 3)), "supports": [{"region": "z0", "fix": ["x", "y", "z"]}]}
+    cube["effects"] = [{"effect": "gravity", "acceleration": [0, 0, -0.5], "density": 1000}]
+    cube["material"] = MATERIALS["compressible"]
+    counts, kinds = list[int](), list[str]()
+    for operations in (np.inf, 0.0):
+        monkeypatch.setattr(degree_levels, "_FEW_OPERATIONS", operations)
+        _, system = unloaded(comm, cube)
+        kinds.append(str(DegreeLevels(system.weak_form).options["mg_coarse_pc_type"]))
+        system.destroy()
+        counts.append(iterations(comm, **cube))
+    assert kinds == ["lu", "gamg"]
+    assert counts[0] <= counts[1] < 2 * counts[0]  # 6 and 7
 
 
 @pytest.mark.parametrize("divisions", [1, 2])
